@@ -12,7 +12,7 @@ from cordon.channels import VehicleChannels
 from gcs.errors import InputError
 from gcs.metrics.metrics import evaluated
 from gcs.metrics.record import FlightRecord
-from gcs.metrics.references import formation_reference, ring_reference
+from gcs.metrics.references import formation_reference, ring_references
 from gcs.metrics.result import FlightResult
 from gcs.mission.mission import Mission
 
@@ -49,7 +49,7 @@ class Flight:
         """
         from gcs.report.figure import drawn_figure, save_figure  # noqa: PLC0415 - matplotlib
 
-        of_flight = self.record, self.metrics, ring_reference(self.mission, self.record.events)
+        of_flight = self.record, self.metrics, ring_references(self.mission, self.record)
         formation = formation_reference(self.mission)
         if path is None:
             return drawn_figure(*of_flight, formation)

@@ -17,7 +17,7 @@ from gcs.console.summary import show_result, verdict_of
 from gcs.console.terminal import STDERR, discard, print_line, printable_lines
 from gcs.errors import Exit, InputError
 from gcs.metrics.record import FlightRecord
-from gcs.metrics.references import formation_reference, ring_reference
+from gcs.metrics.references import formation_reference, ring_references
 from gcs.mission.mission import Mission
 
 if TYPE_CHECKING:
@@ -220,9 +220,7 @@ def present(
         from gcs.report.figure import save_figure
 
         with writing("--plot", plot):
-            save_figure(
-                record, result, ring_reference(mission, record.events), plot, formation_reference(mission), figure
-            )
+            save_figure(record, result, ring_references(mission, record), plot, formation_reference(mission), figure)
         print_line(f"figure: {plot}")
     if json:
         print_result((result if timed else result.untimed()).to_json())

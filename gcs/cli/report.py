@@ -111,16 +111,14 @@ def _animate(flight: "LoggedFlight", path: Path) -> None:
     """Draw a flight from above; raises InputError."""
     from gcs.cli.output import AnimationProgress, writing
     from gcs.console.terminal import print_line
-    from gcs.metrics.references import ring_reference
-    from gcs.metrics.ring import ring_motion
+    from gcs.metrics.references import ring_references
     from gcs.report.animation import save_animation
-    from gcs.report.charts.panels import Sheet
+    from gcs.report.charts.panels import sheet_of
 
     record = flight.evidence.record
     if not (record.time_s.size > 1 and record.vehicles):
         raise InputError([f"--animate: {path}: the log holds no motion to draw"])
-    ring = ring_reference(flight.mission, record.events)
-    sheet = Sheet(record, _result(flight), ring, None, ring_motion(record, ring.gaps))
+    sheet = sheet_of(record, _result(flight), ring_references(flight.mission, record))
     with writing("--animate", path), AnimationProgress(path) as progress:
         save_animation(sheet, path, progress.update)
     print_line(f"animation: {path} ({path.stat().st_size / 1e6:.1f} MB)")
@@ -172,14 +170,13 @@ def _check_compared(paths: Sequence[Path], options: ReportOptions) -> None:
 
 
 def _compared(name: str, flight: "LoggedFlight") -> "ComparedFlight":
-    from gcs.metrics.references import ring_reference
-    from gcs.metrics.ring import ring_motion
-    from gcs.report.charts.panels import Sheet
+    from gcs.metrics.references import ring_references
+    from gcs.report.charts.panels import sheet_of
     from gcs.report.compare import POINTS_MAX, ComparedFlight
 
     record = flight.evidence.record
-    ring = ring_reference(flight.mission, record.events)
-    sheet = Sheet(record, _result(flight), ring, None, ring_motion(record, ring.gaps), POINTS_MAX)
+    rings = ring_references(flight.mission, record)
+    sheet = sheet_of(record, _result(flight), rings, points_max=POINTS_MAX)
     return ComparedFlight(name, flight.mission, sheet)
 
 

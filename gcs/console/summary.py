@@ -9,15 +9,16 @@ from rich.text import Text
 from gcs.console.table_view import TACTIC_STYLES
 from gcs.console.terminal import STDERR
 from gcs.errors import Exit
-from gcs.metrics.catalogue import FLOCKING, VEHICLE, VERDICTS, Criterion, Metric, VerdictState, evidence
+from gcs.metrics.catalogue import FLOCKING, OF_THE_RING, VEHICLE, VERDICTS, Criterion, Metric, VerdictState, evidence
 from gcs.metrics.departures import departures_line
-from gcs.metrics.ending import TeamEnding
+from gcs.metrics.ending import TeamEnding, named
 from gcs.metrics.metrics import evaluated
 from gcs.metrics.record import FlightRecord
 from gcs.metrics.references import engaged_line
 from gcs.metrics.result import (
     EstimateResult,
     FlightResult,
+    NamedRing,
     is_briefly_judged,
     reference_line,
     settled_line,
@@ -56,17 +57,30 @@ def summary(result: FlightResult) -> RenderableType:
         *(() if result.ended is None else (_ending(result.ended),)),
         _headline(result),
         _verdict_table(result),
-        *(
-            (Text(line, style="yellow" if is_briefly_judged(result.ring) else "dim"),)
-            if (line := window_line(result))
-            else ()
-        ),
+        *_window_lines(result),
         Text(),
         _vehicle_table(result),
         *(() if result.estimate is None else (_estimate_line(result.estimate),)),
         *(() if flocking is None else (Text(), flocking, Text())),
         _loop_line(result),
     )
+
+
+def _window_lines(result: FlightResult) -> list[Text]:
+    """Return over which part of the flight each ring was judged, several by their names; none without a ring."""
+    lines = [("", result)] if not result.rings else [(_name_line(each), each.result) for each in result.rings]
+    return [
+        Text(f"{name}{window_line(each)}", style="yellow" if is_briefly_judged(each.ring) else "dim")
+        for name, each in lines
+        if name or window_line(each)
+    ]
+
+
+def _name_line(ring: NamedRing) -> str:
+    """Return the name of one of several rings, its target and the vehicles that were on it."""
+    about = f" about {ring.target}" if ring.target else ""
+    ids = [vehicle.id for vehicle in ring.result.vehicles]
+    return f"{ring.name}{about}: {f'{named(ids)}; ' if ids else 'no vehicle was on it'}"
 
 
 def _ending(ended: TeamEnding) -> Text:
@@ -90,7 +104,7 @@ def _headline(result: FlightResult) -> Text:
 
 def _verdict_table(result: FlightResult) -> Table:
     beside = {
-        "C3": settled_line(result) or ("did not settle" if result.window_s is not None else ""),
+        "C3": "" if result.rings else _settled(result),
         "engaged": engaged_line(result.engagement),
         "kept": departures_line(result.departures),
     }
@@ -99,10 +113,26 @@ def _verdict_table(result: FlightResult) -> Table:
     for verdict in VERDICTS:
         state = states[verdict.name]
         open_text = state.value if state is VerdictState.NOT_JUDGED else ""
-        measured = ", ".join(_worst_text(*each) for each in evidence(verdict.name, result))
+        by_ring = result.rings if verdict.name in OF_THE_RING else ()
+        measured = "; ".join(_ring_text(verdict.name, each) for each in by_ring) or _evidence(verdict.name, result)
         text = "; ".join(filter(None, (open_text, measured, beside.get(verdict.name))))
         table.add_row(Text(state.sign, style=VERDICT_STYLES[state]), Text(verdict.title), Text(text, style="dim"))
     return table
+
+
+def _settled(result: FlightResult) -> str:
+    return settled_line(result) or ("did not settle" if result.window_s is not None else "")
+
+
+def _evidence(verdict: str, result: FlightResult) -> str:
+    return ", ".join(_worst_text(*each) for each in evidence(verdict, result))
+
+
+def _ring_text(verdict: str, ring: NamedRing) -> str:
+    """Return what a verdict judges on one of several rings, and whether it fails there."""
+    held = {True: "", None: "not judged" if verdict in ring.not_judged else "", False: "fails"}[ring.verdict(verdict)]
+    settled = _settled(ring.result) if verdict == "C3" else ""
+    return f"{ring.name} {', '.join(filter(None, (held, _evidence(verdict, ring.result), settled))) or '–'}"
 
 
 def _worst_text(metric: Metric, judged: Criterion, values: Sequence[float]) -> str:

@@ -16,8 +16,8 @@ from gcs.metrics.ending import named
 from gcs.metrics.record import FlightEvent, FlightRecord, VehicleTrack, grid_time
 from gcs.metrics.ring import LOST_AFTER_S
 
-_IN_PLACE = {Tactic.FORMATION.value: "formation", Tactic.ENCIRCLE.value: "ring"}
-"""The places of a mission by the tactics that fly them."""
+_IN_PLACE = {Tactic.FORMATION.value: "formation", Tactic.ENCIRCLE.value: "ring", Tactic.TRANSIT.value: "ring"}
+"""The places of a mission by the tactics that fly them; the way to a ring is one to it."""
 _NEVER_ORDERED = (Tactic.ASIDE.value, Tactic.PILOT_OVERRIDE.value)
 _ORDERED_ENDS = frozenset({
     FlightEnd.LANDED, FlightEnd.SIMULATED, FlightEnd.OPERATOR, FlightEnd.ABORTED, FlightEnd.KILLED, FlightEnd.UNKNOWN

@@ -24,7 +24,14 @@ from gcs.metrics.reynolds import ReynoldsResult, condensed, flocking
 from gcs.metrics.ring import JudgedPart, estimated_ring, is_brief, judged_part, judged_ring, ring_motion, within
 from gcs.metrics.rings import combined, rings_engagement
 from gcs.metrics.transitions import predicted, transitions
-from gcs.metrics.vehicles import engagement_times_s, estimated_vehicles, formation_span, moved_s, vehicle_results
+from gcs.metrics.vehicles import (
+    engagement_times_s,
+    estimated_vehicles,
+    formation_span,
+    left_formation_s,
+    moved_s,
+    vehicle_results,
+)
 from gcs.mission.mission import Mission
 
 NONE_ENGAGES = EngagementReference()
@@ -121,7 +128,7 @@ def _estimate_result(record: FlightRecord, part: JudgedPart, window: Mask) -> Es
 def _reynolds(record: FlightRecord, window: Mask) -> ReynoldsResult:
     figures = flocking(record)
     spans = (
-        formation_span(record.time_s, engagement_times_s(record)),
+        formation_span(record.time_s, left_formation_s(record)),
         window,
         np.ones(record.time_s.shape, dtype=np.bool_),
     )

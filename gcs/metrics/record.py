@@ -21,7 +21,7 @@ from agents.notes import (
     TacticChange,
 )
 from agents.safety.guard import Guarded
-from agents.tactics import Tactic
+from agents.tactics import NO_TACTIC, Tactic
 from estimation.state import POSITION, VELOCITY, Vector
 from gcs.metrics.ending import VehicleEnding
 
@@ -58,6 +58,12 @@ class VehicleTrack:
     target: Vector | None = None
     altitude_m: Vector | None = None
     ring: "np.ndarray[tuple[int], np.dtype[np.intp]] | None" = None
+
+    @property
+    def last_tactic(self) -> str:
+        """The last tactic that is known, `NO_TACTIC` without one."""
+        known = self.tactic[self.tactic != NO_TACTIC]
+        return str(known[-1]) if known.size else NO_TACTIC
 
     def encircles(self, number: int | None = None) -> Mask:
         """Return when (T,) it encircles, on the ring of a number or on any."""
@@ -246,14 +252,18 @@ class FlightRecord:
 
     def _estimate_of(self, track: VehicleTrack, estimate: Vector, target: int) -> Vector:
         """Return a track's estimate (T, 4) of its target, NaN where it is of another target than that of a number."""
-        of_track = np.array(self.ring_targets or (0,))[0 if track.ring is None else track.ring]
-        return np.where(np.reshape(of_track == target, (-1, 1)), estimate, np.nan)
+        return np.where((self.target_numbers(track) == target)[:, None], estimate, np.nan)
+
+    def target_numbers(self, track: VehicleTrack) -> "np.ndarray[tuple[int], np.dtype[np.intp]]":
+        """Return the number (T,) of a track's target at each time: that of the ring that it is on or flies to."""
+        of_rings = np.array(self.ring_targets or (0,))
+        return np.broadcast_to(of_rings[0 if track.ring is None else track.ring], self.time_s.shape)
 
     def target_of(self, track: VehicleTrack) -> TargetPath:
         """Return the true motion of a track's target: at each time that of the ring that it is on or flies to."""
         if track.ring is None:
             return TargetPath(self.target_position_m, self.target_velocity_m_s)
-        at = np.array(self.ring_targets)[track.ring], np.arange(self.time_s.size)
+        at = self.target_numbers(track), np.arange(self.time_s.size)
         position_m, velocity_m_s = (
             np.array([getattr(each, name) for each in self.targets]) for name in ("position_m", "velocity_m_s")
         )

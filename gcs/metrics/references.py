@@ -87,8 +87,7 @@ def _chosen(allowed_m: Mapping[int, float], near: Mapping[int, bool]) -> tuple[i
 
 def _may_engage_yet(track: VehicleTrack) -> bool:
     """Whether a vehicle could still engage when it was known last."""
-    known = track.tactic[track.tactic != NO_TACTIC]
-    return not known.size or known[-1] in (Tactic.STANDBY.value, *_MAY_ENGAGE)
+    return track.last_tactic in (NO_TACTIC, Tactic.STANDBY.value, *_MAY_ENGAGE)
 
 
 def engaged_line(result: EngagementResult) -> str:
@@ -223,6 +222,14 @@ def ring_reference(mission: Mission, events: Iterable[FlightEvent] = ()) -> Desi
     rise_m = ring.radius_m * tan(radians(ring.tilt_deg))
     heights = _heights_m(mission, ring), rise_m, radians(ring.tilt_bearing_deg)
     return DesiredRing(ring.radius_m, ring.angular_rate_rad_s, mission.gaps, tuple(earlier), *heights)
+
+
+def ring_references(mission: Mission, record: FlightRecord) -> tuple[DesiredRing, ...]:
+    """Return the rings of the mission in order, also if there is one, changed by the commands in a flight's record."""
+    return tuple(
+        ring_reference(mission.of_ring(number), record.of_ring(number).events)
+        for number in range(max(len(mission.rings), 1))
+    )
 
 
 def _heights_m(mission: Mission, ring: EncirclementSettings) -> dict[int, float]:

@@ -15,6 +15,7 @@ from typing import TypeVar
 
 import numpy as np
 
+from agents.tactics import Tactic
 from gcs.metrics.catalogue import OF_THE_RING, VERDICTS, not_judged
 from gcs.metrics.record import FlightRecord, Mask
 from gcs.metrics.references import EngagementResult, engagement, engagement_reference
@@ -55,14 +56,15 @@ def rings_engagement(mission: Mission, record: FlightRecord) -> EngagementResult
     """Return who was to engage on any ring, and who did.
 
     A vehicle was to if the rule of one target lets it that has a ring, and if there was a place about it: if there were
-    never as many vehicles on its rings as these have places.
+    never as many vehicles on its rings as these have places. One that is still on its way to a ring at the end may yet.
     """
     engaged = {
         track.vehicle_id
         for track, at_s in zip(record.vehicles, engagement_times_s(record), strict=True)
         if at_s is not None
     }
-    due, pending = set[int](), set[int]()
+    due = set[int]()
+    pending = {track.vehicle_id for track in record.vehicles if track.last_tactic == Tactic.TRANSIT.value}
     for target in dict.fromkeys(each.target for each in mission.rings):
         numbers = [number for number, each in enumerate(mission.rings) if each.target == target]
         on_them = np.array([_about(record, row, numbers) for row in range(len(record.vehicles))])
@@ -75,7 +77,7 @@ def rings_engagement(mission: Mission, record: FlightRecord) -> EngagementResult
         due |= set(found.to_engage)
         pending |= set(found.pending)
     ids = tuple(track.vehicle_id for track in record.vehicles)
-    open_ids = pending - engaged  # one of whom the plan has a ring still to come has missed none
+    open_ids = pending - engaged  # one with a ring still to come has missed none
     return EngagementResult(
         tuple(each for each in ids if each in engaged | (due - open_ids)),
         tuple(each for each in ids if each in engaged),

@@ -125,18 +125,28 @@ def estimated_vehicles(
 
 def engagement_times_s(record: FlightRecord) -> tuple[float | None, ...]:
     """Return the time at which each vehicle's tactic was encircle first, None where it never was."""
-    hits = (np.flatnonzero(track.tactic == Tactic.ENCIRCLE.value) for track in record.vehicles)
+    return _first_s(record, Tactic.ENCIRCLE)
+
+
+def left_formation_s(record: FlightRecord) -> tuple[float | None, ...]:
+    """Return when each vehicle was on its way to a ring or on it first, None where it never was."""
+    return _first_s(record, Tactic.TRANSIT, Tactic.ENCIRCLE)
+
+
+def _first_s(record: FlightRecord, *tactics: Tactic) -> tuple[float | None, ...]:
+    names = [each.value for each in tactics]
+    hits = (np.flatnonzero(np.isin(track.tactic, names)) for track in record.vehicles)
     return tuple(grid_time(float(record.time_s[hit[0]])) if hit.size else None for hit in hits)
 
 
 def moved_s(record: FlightRecord) -> tuple[float, ...]:
-    """Return when vehicles came to the record's ring from another, or left it for another, in a record of one ring.
+    """Return when vehicles came to the record's ring on their way from another, or left it for another.
 
     One that flew something else between the two left at the end of the first, and came at the begin of the second.
     """
     moves_s: list[float] = []
     for track in record.vehicles:
-        on = np.flatnonzero(np.isin(track.tactic, (Tactic.ENCIRCLE.value, ANOTHER_RING)))
+        on = np.flatnonzero(np.isin(track.tactic, (Tactic.ENCIRCLE.value, Tactic.TRANSIT.value, ANOTHER_RING)))
         here = track.tactic[on] == Tactic.ENCIRCLE.value
         leaves, comes = on[:-1][here[:-1] & ~here[1:]] + 1, on[1:][~here[:-1] & here[1:]]
         moves_s += [grid_time(each) for each in record.time_s[np.concatenate((leaves, comes))].tolist()]
@@ -149,7 +159,7 @@ def formation_errors(record: FlightRecord, formation: FormationReference) -> tup
     Defined from 30 s after the start to the first engagement, for vehicles in formation; NaN elsewhere, and where none
     was in formation for `SETTLED_FOR_S` then. The first vehicle of the line has no spacing.
     """
-    judged = formation_span(record.time_s, engagement_times_s(record))
+    judged = formation_span(record.time_s, left_formation_s(record))
     mask = np.asarray(measured(record) & flies(record, Tactic.FORMATION) & judged)
     if lasting_s(record.time_s, np.asarray(mask.any(axis=0))) < SETTLED_FOR_S - TIME_GRAIN_S:
         mask[:] = False
@@ -159,9 +169,9 @@ def formation_errors(record: FlightRecord, formation: FormationReference) -> tup
     return speed_error_m_s, _formation_spacing_error_m(record, formation, mask)
 
 
-def formation_span(time_s: Vector, engaged_s: tuple[float | None, ...]) -> Mask:
-    """Return the samples (T,) between 30 s and the first engagement."""
-    first_s = min((engaged for engaged in engaged_s if engaged is not None), default=np.inf)
+def formation_span(time_s: Vector, left_s: tuple[float | None, ...]) -> Mask:
+    """Return the samples (T,) between 30 s and the first engagement, or the first way to one."""
+    first_s = min((left for left in left_s if left is not None), default=np.inf)
     return np.asarray((time_s >= FORMATION_START_S - TIME_GRAIN_S) & (time_s < first_s - TIME_GRAIN_S))
 
 

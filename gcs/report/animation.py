@@ -8,8 +8,8 @@ import numpy as np
 
 from estimation.state import Vector
 from gcs.keys.private_files import create
-from gcs.report.charts.panels import Sheet, landmarks_m, map_height_in
-from gcs.style import COLOURS, DESIRED, ENGAGED, FAINT, INK, drawing
+from gcs.report.charts.panels import Sheet, landmarks_m, map_height_in, name_ring, ring_label
+from gcs.style import DESIRED, ENGAGED, FAINT, INK, drawing
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -67,10 +67,11 @@ class _Scene:
         rows = range(len(sheet.record.vehicles))
         self._paths = [axes.plot([], [], alpha=0.35, **sheet.style(row))[0] for row in rows]
         self._recent = [axes.plot([], [], **sheet.style(row))[0] for row in rows]
-        self._target_path = axes.plot([], [], color="black", linewidth=1.0, zorder=3)[0]
-        self._target = axes.plot([], [], "D", color="black", markersize=8, zorder=6)[0]
-        self._ring = axes.plot([], [], **DESIRED)[0]
-        self._bodies = [_Body(axes, row, track.vehicle_id) for row, track in enumerate(sheet.record.vehicles)]
+        self._targets = [_Target(axes, path_m) for path_m in sheet.record.target_paths_m]
+        self._rings = [_Ring(axes, each) for each in sheet.each_ring]
+        self._bodies = [
+            _Body(axes, sheet.colour(row), track.vehicle_id) for row, track in enumerate(sheet.record.vehicles)
+        ]
         self._clock = axes.set_title("", loc="right", color=INK)
 
     def frame(self, sample: int) -> "Picture":
@@ -80,12 +81,11 @@ class _Scene:
         record = self._sheet.record
         now_s = float(record.time_s[sample])
         since = max(0, sample - round(_RECENT_SHARE * record.time_s.size))
-        target_m = record.target_path_m
-        self._target_path.set_data(*target_m[: sample + 1].T)
-        self._target.set_data(*target_m[sample : sample + 1].T)
+        for target in self._targets:
+            target.move(sample)
+        for ring in self._rings:
+            ring.move(sample)
         engaged_s = [vehicle.engaged_at_s for vehicle in self._sheet.result.vehicles]
-        on_ring = any(each is not None and each <= now_s for each in engaged_s)
-        self._ring.set_data(*(target_m[sample] + self._sheet.desired_m[sample] * _CIRCLE).T if on_ring else ([], []))
         for row, track in enumerate(record.vehicles):
             self._paths[row].set_data(*track.position_m[: since + 1].T)
             self._recent[row].set_data(*track.position_m[since : sample + 1].T)
@@ -98,11 +98,46 @@ class _Scene:
         return Image.frombytes("RGBA", size, drawn).convert("RGB")
 
 
+class _Target:
+    """A target on the map, with its path."""
+
+    def __init__(self, axes: "Axes", path_m: Vector) -> None:
+        self._path_m = path_m
+        self._path = axes.plot([], [], color="black", linewidth=1.0, zorder=3)[0]
+        self._mark = axes.plot([], [], "D", color="black", markersize=8, zorder=6)[0]
+
+    def move(self, sample: int) -> None:
+        """Show it at a time."""
+        self._path.set_data(*self._path_m[: sample + 1].T)
+        self._mark.set_data(*self._path_m[sample : sample + 1].T)
+
+
+class _Ring:
+    """A ring on the map from its first engagement on, with its name if there are several."""
+
+    def __init__(self, axes: "Axes", sheet: Sheet) -> None:
+        self._sheet, self._target_m, self._desired_m = sheet, sheet.record.target_path_m, sheet.desired_m
+        engaged_s = (vehicle.engaged_at_s for vehicle in sheet.result.vehicles)
+        self._begins_s = min((each for each in engaged_s if each is not None), default=np.inf)
+        self._circle = axes.plot([], [], **DESIRED)[0]
+        self._name = name_ring(axes, (0.0, 0.0), ring_label(sheet) if sheet.name else "")
+
+    def move(self, sample: int) -> None:
+        """Show it at a time."""
+        is_shown = bool(
+            self._begins_s <= self._sheet.record.time_s[sample] and np.isfinite(self._target_m[sample]).all()
+        )
+        circle_m = self._target_m[sample] + self._desired_m[sample] * _CIRCLE
+        self._circle.set_data(*circle_m.T if is_shown else ([], []))
+        self._name.set_visible(is_shown)
+        if is_shown:
+            self._name.xy = self._target_m[sample, 0], self._target_m[sample, 1] + self._desired_m[sample]
+
+
 class _Body:
     """A vehicle on the map with its id, and the mark of where it engaged."""
 
-    def __init__(self, axes: "Axes", row: int, vehicle_id: int) -> None:
-        colour = COLOURS[row % len(COLOURS)]
+    def __init__(self, axes: "Axes", colour: str, vehicle_id: int) -> None:
         self._mark = axes.plot([], [], "D", markersize=12, color=colour, markeredgecolor="white", zorder=7)[0]
         self._engaged = axes.plot([], [], color=colour, zorder=5, linestyle="", **ENGAGED)[0]
         self._name = axes.text(0.0, 0.0, str(vehicle_id), ha="center", va="center_baseline", fontsize=8, zorder=8)

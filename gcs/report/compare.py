@@ -61,7 +61,8 @@ def draw_compared_paths(axes: "Axes", flights: Sequence[ComparedFlight]) -> None
     axes.set(xlabel="x [m]", ylabel="y [m]")
     for index, flight in enumerate(flights):
         sheet, style = flight.sheet, flight_style(index)
-        axes.plot(*sheet.path(sheet.record.target_path_m).T, **style | {"linewidth": 0.7})
+        for target_m in sheet.record.target_paths_m:
+            axes.plot(*sheet.path(target_m).T, **style | {"linewidth": 0.7})
         for row, track in enumerate(sheet.record.vehicles):
             axes.plot(*sheet.path(track.position_m).T, alpha=0.8, **style)
             engaged_s = flight.result.vehicles[row].engaged_at_s
@@ -98,8 +99,16 @@ def _largest(error: Vector) -> Vector:
     return np.where(largest >= 0.0, largest, np.nan)
 
 
+def _of_all_rings(of: Callable[[Sheet], Vector]) -> Callable[[Sheet], Vector]:
+    """Return the function that gives the largest of a quantity of all rings of a flight, NaN where there is none."""
+    return lambda sheet: np.fmax.reduce([of(each) for each in sheet.each_ring])
+
+
 class Error(NamedTuple):
-    """A quantity over time: its heading, its label with the unit, the lowest value drawn, and its values (T,)."""
+    """A quantity over time: its heading, its label with the unit, the lowest value drawn, and its values (T,).
+
+    The values of a flight over several rings are the largest of all.
+    """
 
     heading: str
     label: str
@@ -109,15 +118,18 @@ class Error(NamedTuple):
 
 ERRORS = {
     "radius": Error(
-        "Largest radius error", "error [m]", 1e-4, lambda sheet: _largest(sheet.motion.radius_m - sheet.desired_m)
+        "Largest radius error",
+        "error [m]",
+        1e-4,
+        _of_all_rings(lambda sheet: _largest(sheet.motion.radius_m - sheet.desired_m)),
     ),
     "spacing": Error(
         "Largest spacing error",
         "error [°]",
         1e-3,
-        lambda sheet: _largest(np.degrees(sheet.motion.lead_rad - sheet.motion.desired_spacing_rad)),
+        _of_all_rings(lambda sheet: _largest(np.degrees(sheet.motion.lead_rad - sheet.motion.desired_spacing_rad))),
     ),
-    "lyapunov": Error("Lyapunov function", "V [rad²]", 1e-7, lambda sheet: lyapunov_rad2(sheet.motion)),
+    "lyapunov": Error("Lyapunov function", "V [rad²]", 1e-7, _of_all_rings(lambda sheet: lyapunov_rad2(sheet.motion))),
 }
 """The quantities over time by their names."""
 

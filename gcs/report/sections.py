@@ -9,7 +9,6 @@ import numpy as np
 from gcs.metrics.ending import named
 from gcs.metrics.result import FlightResult
 from gcs.metrics.reynolds import Flocking, flocking
-from gcs.metrics.ring import ring_motion
 from gcs.report import tables
 from gcs.report.charts import metrics as panels_metrics
 from gcs.report.charts import onboard as panels_onboard
@@ -29,6 +28,7 @@ from gcs.report.evidence.estimate_errors import (
 from gcs.report.evidence.flight import FlightEvidence, VehicleEvidence
 from gcs.report.evidence.lyapunov import decays
 from gcs.report.page_parts import Section
+from gcs.report.summary import ring_paragraph
 
 _OPTIMISTIC = {
     "own": "Likely causes: an error of the autopilot's position that changes slowly, or more acceleration than the "
@@ -99,7 +99,7 @@ def flight_of(evidence: FlightEvidence, result: FlightResult, criteria: Criteria
     ids = [track.vehicle_id for track in record.vehicles]
     aligned = tuple(known.get(vehicle_id, VehicleEvidence(vehicle_id)) for vehicle_id in ids)
     points = max(_POINTS_LEAST, min(_POINTS, _POINTS_OF_ALL // max(len(ids), 1)))
-    sheet = Sheet(record, result, criteria.ring, criteria.formation, ring_motion(record, criteria.ring.gaps), points)
+    sheet = panels.sheet_of(record, result, criteria.every_ring, criteria.formation, points)
     return ReportedFlight(replace(evidence, vehicles=aligned), result, criteria, sheet)
 
 
@@ -109,6 +109,7 @@ def sections(flight: ReportedFlight) -> tuple[Section, ...]:
         return (Section("empty", "No data", missing=("The record of this flight holds no motion.",)),)
     return (
         _paper(flight),
+        *(_ring(flight, number) for number in range(len(flight.sheet.rings))),
         _errors(flight),
         _events(flight),
         _estimates(flight),
@@ -116,22 +117,25 @@ def sections(flight: ReportedFlight) -> tuple[Section, ...]:
         _links(flight),
         _power(flight),
         _reynolds(flight),
-        _lyapunov(flight),
+        *(() if flight.sheet.rings else (_lyapunov(flight),)),
         _metrics(flight),
     )
 
 
+_SPEEDS = ("speeds", panels.draw_speeds, "Speed in x of every vehicle in formation over time.")
+_OF_A_RING = (
+    ("radii", panels.draw_radii, "Distance to the target on the ring over time."),
+    ("rates", panels.draw_rates, "Angular velocity about the target over time."),
+    ("spacings", panels.draw_spacings, "Angle from each vehicle to the next over time."),
+)
+
+
 def _paper(flight: ReportedFlight) -> Section:
     sheet = flight.sheet
-    over_time = (
-        ("speeds", panels.draw_speeds, "Speed in x of every vehicle in formation over time."),
-        ("radii", panels.draw_radii, "Distance to the target on the ring over time."),
-        ("rates", panels.draw_rates, "Angular velocity about the target over time."),
-        ("spacings", panels.draw_spacings, "Angle from each vehicle to the next over time."),
-    )
+    over_time = (_SPEEDS,) if sheet.rings else (_SPEEDS, *_OF_A_RING)
     draws = [partial(chart, name, partial(draw, sheet=sheet), alt) for name, draw, alt in over_time]
     drawn = rows_of_two([partial(_map, sheet), *draws])
-    numbered = zip(("1, 4", "2", "3, 5", "3, 5", "6"), drawn, strict=True)
+    numbered = zip(("1, 4", "2", "3, 5", "3, 5", "6")[: len(drawn)], drawn, strict=True)
     headed = [replace(each, title=f"{each.title} (figure {number})") for number, each in numbered]
     headed[0] = replace(headed[0], title="Paths (figure 1, 4)", finding="")
     return Section(
@@ -143,20 +147,48 @@ def _paper(flight: ReportedFlight) -> Section:
     )
 
 
+def _ring(flight: ReportedFlight, number: int) -> Section:
+    """Return the section of one of several rings."""
+    sheet, criteria, named = flight.sheet.rings[number], flight.criteria.of_ring(number), flight.result.rings[number]
+    anchor, heading = f"ring-{number}", f"Ring {named.name}"
+    if sheet.result.window_s is None:
+        return Section(anchor, heading, missing=("No vehicle was on this ring.",))
+    periods = decays(sheet.record.time_s, sheet.motion, criteria.spacing_gain_per_s)
+    draws = [
+        *((name, partial(draw, sheet=sheet), alt) for name, draw, alt in _OF_A_RING),
+        *(
+            (name, partial(draw, sheet=sheet, criteria=criteria), f"{alt}{_OVER_TIME}")
+            for name, draw, alt in _RING_ERRORS
+        ),
+    ]
+    if periods:
+        draws.append(("lyapunov", partial(panels_metrics.draw_lyapunov, sheet=sheet, periods=periods), _LYAPUNOV_ALT))
+    charts = rows_of_two([partial(chart, f"{name}-{anchor}", draw, alt) for name, draw, alt in draws])
+    both = (tables.ring_table(sheet.result), *((tables.decay_table(periods),) if periods else ()))
+    return Section(anchor, heading, ring_paragraph(named, criteria), charts, both)
+
+
 def _map(sheet: Sheet, width_in: float) -> Chart:
-    alt = "Map of the paths of all vehicles and of the target, with the final ring."
+    alt = "Map of the paths of all vehicles and targets, with the final rings."
     height_in = panels.map_height_in(panels.landmarks_m(sheet), width_in)
     return chart(
         "paths", partial(panels.draw_paths, sheet=sheet), alt, height_in, width_in=width_in, is_over_time=False
     )
 
 
+_OVER_TIME = " of every vehicle over time, with its tolerance."
+_RING_ERRORS = (
+    ("radius-error", panels_metrics.draw_radius_error, "Running rms error of the radius"),
+    ("rate-error", panels_metrics.draw_rate_error, "Running rms error of the angular velocity"),
+    ("spacing-error", panels_metrics.draw_spacing_error, "Running rms error of the angular spacing"),
+)
+_LYAPUNOV_ALT = "V over time, with the expected decay after every change of the ring."
+
+
 def _errors(flight: ReportedFlight) -> Section:
     sheet, criteria = flight.sheet, flight.criteria
     draws = (
-        ("radius-error", panels_metrics.draw_radius_error, "Running rms error of the radius"),
-        ("rate-error", panels_metrics.draw_rate_error, "Running rms error of the angular velocity"),
-        ("spacing-error", panels_metrics.draw_spacing_error, "Running rms error of the angular spacing"),
+        *(() if sheet.rings else _RING_ERRORS),
         (
             "formation-speed",
             partial(panels_metrics.draw_formation_errors, spacing=False),
@@ -174,7 +206,7 @@ def _errors(flight: ReportedFlight) -> Section:
                 chart,
                 name,
                 partial(draw, sheet=sheet, criteria=criteria),
-                f"{alt} of every vehicle over time, with its tolerance.",
+                f"{alt}{_OVER_TIME}",
             )
             for name, draw, alt in draws
         ]
@@ -183,7 +215,7 @@ def _errors(flight: ReportedFlight) -> Section:
         f"Each line is the root mean square over the last {panels_metrics.RUNNING_S:g} seconds, on a logarithmic scale "
         "with the tolerance of the verdict. Formation errors count from 30 s after the start."
     )
-    return Section("errors", "Ring and formation over time", lead, charts)
+    return Section("errors", f"{'Formation' if sheet.rings else 'Ring and formation'} over time", lead, charts)
 
 
 def _events(flight: ReportedFlight) -> Section:
@@ -346,7 +378,7 @@ def _lyapunov(flight: ReportedFlight) -> Section:
         (
             "lyapunov",
             panels_metrics.draw_lyapunov,
-            "V over time, with the expected decay after every change of the ring.",
+            _LYAPUNOV_ALT,
         ),
         ("decays", panels_metrics.draw_decays, "V after every change of the ring, with the expected decay."),
     )

@@ -5,12 +5,20 @@ from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 
 from agents.notes import Kind
-from gcs.metrics.catalogue import VERDICTS, VerdictState, evidence
+from gcs.metrics.catalogue import OF_THE_RING, VERDICTS, VerdictState, evidence
 from gcs.metrics.departures import departures_line
 from gcs.metrics.ending import named
 from gcs.metrics.record import TIME_GRAIN_S
 from gcs.metrics.references import DesiredRing, engaged_line
-from gcs.metrics.result import FlightResult, judged_line, reference_line, settled_line, verdict_states, window_line
+from gcs.metrics.result import (
+    FlightResult,
+    NamedRing,
+    judged_line,
+    reference_line,
+    settled_line,
+    verdict_states,
+    window_line,
+)
 from gcs.report.evidence.criteria import Criteria
 from gcs.report.page_parts import VerdictEntry
 
@@ -35,7 +43,12 @@ def verdicts(result: FlightResult, criteria: Criteria) -> tuple[VerdictEntry, ..
 
 
 def _measured(verdict: str, result: FlightResult, criteria: Criteria) -> Iterator[tuple[str, str]]:
-    """Return what a verdict judges, each with the tolerance."""
+    """Return what a verdict judges, each with the tolerance; of several rings, the first three each with its name."""
+    if verdict in OF_THE_RING and result.rings:
+        for number, each in enumerate(result.rings):
+            for measured, allowed in _measured(verdict, each.result, criteria.of_ring(number)):
+                yield f"{each.name}: {measured}", allowed
+        return
     for metric, judged, values in evidence(verdict, result):
         if judged.tolerance:
             worst = metric.amount(metric.farthest(values, _judged_ring(result, criteria)))
@@ -43,7 +56,7 @@ def _measured(verdict: str, result: FlightResult, criteria: Criteria) -> Iterato
             allowed = f"{limit} {getattr(criteria.tolerances, judged.tolerance):g}{metric.spaced_unit}"
             yield " ".join(filter(None, (judged.subject, worst, judged.kind))), allowed
     beside = {
-        **dict.fromkeys(("C1", "C2", "C3"), judged_line(result)),
+        **dict.fromkeys(OF_THE_RING, judged_line(result)),
         "engaged": engaged_line(result.engagement),
         "kept": departures_line(result.departures),
     }
@@ -81,7 +94,7 @@ def summary(result: FlightResult, criteria: Criteria) -> str:
         _flown(result),
         *_engaged(result),
         *_left(result),
-        *_ring(result, criteria),
+        *_rings(result, criteria),
         *_estimate(result),
         *_apart(result, criteria),
         *_guarded(result),
@@ -114,6 +127,22 @@ def _engaged(result: FlightResult) -> list[str]:
 def _left(result: FlightResult) -> list[str]:
     left = departures_line(result.departures)
     return [f"{left[:1].upper()}{left[1:]}."] if result.departures else []
+
+
+def _rings(result: FlightResult, criteria: Criteria) -> list[str]:
+    if not result.rings:
+        return _ring(result, criteria)
+    return [ring_paragraph(each, criteria.of_ring(number)) for number, each in enumerate(result.rings)]
+
+
+def ring_paragraph(ring: NamedRing, criteria: Criteria) -> str:
+    """Return one of several rings in sentences, by its own criteria."""
+    about = f" about {ring.target}" if ring.target else ""
+    vehicles = [vehicle.id for vehicle in ring.result.vehicles]
+    if not vehicles:
+        return f"No vehicle was on ring {ring.name}{about}."
+    flown = f"On ring {ring.name}{about}: {named(vehicles)}."
+    return " ".join([flown, *_ring(ring.result, criteria)])
 
 
 def _ring(result: FlightResult, criteria: Criteria) -> list[str]:

@@ -27,6 +27,13 @@ def vehicle_table(result: FlightResult) -> Table:
     return Table("Metrics of every vehicle", columns, rows, words=2)
 
 
+def ring_table(result: FlightResult) -> Table:
+    """Return the metrics on a ring of the vehicles that were on it."""
+    shown = [metric for metric in VEHICLE if metric.label and not metric.name.startswith("formation")]
+    rows = tuple((str(v.id), *(metric.text(v) for metric in shown)) for v in result.vehicles)
+    return Table("Metrics on this ring", ("vehicle", *(metric.heading for metric in shown)), rows)
+
+
 def team_table(result: FlightResult) -> Table:
     """Return the metrics of the team."""
     rows = (

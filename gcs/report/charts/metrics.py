@@ -39,14 +39,14 @@ def running_rms(values: Vector, samples: int) -> Vector:
 
 def draw_radius_error(axes: "Axes", sheet: Sheet, criteria: Criteria) -> None:
     """Draw the running rms error of the radii."""
-    title(axes, "Radius error", "")
+    title(axes, sheet.titled("Radius error", "radius error"), "")
     error_m = sheet.motion.radius_m - sheet.desired_m
     _draw_error(axes, sheet, "radius error [m]", error_m, criteria.tolerances.radius_error_rms_m)
 
 
 def draw_rate_error(axes: "Axes", sheet: Sheet, criteria: Criteria) -> None:
     """Draw the running rms error of the angular velocities; verdict C2 uses the error of their mean."""
-    title(axes, "Angular velocity error", "")
+    title(axes, sheet.titled("Angular velocity error", "angular velocity error"), "")
     error_rad_s = sheet.motion.rate_rad_s - sheet.desired_rad_s
     tolerance_rad_s = criteria.tolerances.angular_rate_error_rad_s
     _draw_error(axes, sheet, "rate error [rad/s]", error_rad_s, tolerance_rad_s, "tolerance of the mean")
@@ -54,7 +54,7 @@ def draw_rate_error(axes: "Axes", sheet: Sheet, criteria: Criteria) -> None:
 
 def draw_spacing_error(axes: "Axes", sheet: Sheet, criteria: Criteria) -> None:
     """Draw the running rms error of the spacings on the ring."""
-    title(axes, "Spacing error on the ring", "")
+    title(axes, sheet.titled("Spacing error on the ring", "spacing error"), "")
     error_deg = np.degrees(sheet.motion.lead_rad - sheet.motion.desired_spacing_rad)
     _draw_error(axes, sheet, "spacing error [°]", error_deg, criteria.tolerances.spacing_error_rms_deg)
 
@@ -150,7 +150,7 @@ def _draw_rows(axes: "Axes", sheet: Sheet, label: str, values: Vector) -> None:
 def draw_lyapunov(axes: "Axes", sheet: Sheet, periods: Sequence[Decay]) -> None:
     """Draw V of the ring's spacings, and from every change of the ring on the decay expected from the spacing law."""
     time_s, value_rad2 = sheet.record.time_s, lyapunov_rad2(sheet.motion)
-    title(axes, "Lyapunov function of the spacings", "")
+    title(axes, sheet.titled("Lyapunov function of the spacings", "Lyapunov function"), "")
     first_s, last_s = periods[0].start_s, periods[-1].end_s
     over_time(axes, "V [rad²]", time_s[(time_s >= first_s) & (time_s <= last_s)])
     if sheet.result.window_s is not None:

@@ -7,7 +7,7 @@ import numpy as np
 
 from estimation.state import Vector
 from gcs.report.charts.chart import levels, logarithmic, over_time
-from gcs.report.charts.panels import Sheet, title
+from gcs.report.charts.panels import Sheet, ring_height_m, title
 from gcs.report.evidence.estimate_errors import SIGMAS, EstimateError
 from gcs.report.evidence.flight import FlightEvidence, Reception
 from gcs.style import FAIL, INK
@@ -93,9 +93,11 @@ def ages_by_sender(evidence: FlightEvidence) -> list[tuple[int, Vector, Vector]]
 
 
 def draw_altitudes(axes: "Axes", sheet: Sheet, evidence: FlightEvidence) -> None:
-    """Draw the heights above the mission's origin."""
+    """Draw the heights above the mission's origin, and the height of each ring if there are several."""
     title(axes, "Height", "")
     _draw_each(axes, sheet, "height [m]", evidence, lambda row: _height(evidence, row))
+    if heights_m := {each.name: height_m for each in sheet.rings if (height_m := ring_height_m(each)) is not None}:
+        levels(axes, heights_m)
 
 
 def draw_yaws(axes: "Axes", sheet: Sheet, evidence: FlightEvidence) -> None:

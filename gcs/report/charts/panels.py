@@ -3,7 +3,8 @@
 Paths with the vehicles and the target, speeds in formation, radii, angular velocities and spacings on the ring.
 """
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -13,16 +14,21 @@ from estimation.state import Vector
 from gcs.metrics.record import FlightRecord, VehicleTrack
 from gcs.metrics.references import DesiredRing, FormationReference
 from gcs.metrics.result import FlightResult, verdict_states
-from gcs.metrics.ring import RingMotion
-from gcs.style import COLOURS, DESIRED, ENGAGED, FAIL, FAINT, WINDOW, vehicle_style
+from gcs.metrics.ring import RingMotion, ring_motion
+from gcs.style import COLOURS, DESIRED, ENGAGED, FAIL, FAINT, INK, WINDOW, vehicle_style
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+    from matplotlib.text import Annotation
 
 
 @dataclass(frozen=True, slots=True)
 class Sheet:
-    """The data of all panels; lines of more than `points_max` points are thinned, None: no limit."""
+    """The data of all panels; lines of more than `points_max` points are thinned, None: no limit.
+
+    The sheet of a flight over several rings has one for each in `rings`: with its `name`, and of the `team` the
+    vehicles that were on it. The panels of a ring are drawn from these.
+    """
 
     record: FlightRecord
     result: FlightResult
@@ -30,11 +36,31 @@ class Sheet:
     formation: FormationReference | None
     motion: RingMotion
     points_max: int | None = None
+    name: str = ""
+    team: tuple[int, ...] = ()
+    rings: "tuple[Sheet, ...]" = ()
 
     def style(self, row: int) -> dict[str, Any]:
         """Return the line style of a vehicle, and its label."""
         label = f"vehicle {self.record.vehicles[row].vehicle_id}"
-        return {**vehicle_style(row, len(self.record.vehicles)), "label": label}
+        return {**vehicle_style(self._place(row), len(self.team or self.record.vehicles)), "label": label}
+
+    def colour(self, row: int) -> str:
+        """Return the colour of a vehicle."""
+        return COLOURS[self._place(row) % len(COLOURS)]
+
+    def _place(self, row: int) -> int:
+        """Return the place of a vehicle in the team."""
+        return self.team.index(self.record.vehicles[row].vehicle_id) if self.team else row
+
+    def titled(self, text: str, short: str) -> str:
+        """Return the title of a panel: a text, or in short behind the ring's name if there are several."""
+        return f"{self.name}: {short}" if self.name else text
+
+    @property
+    def each_ring(self) -> "tuple[Sheet, ...]":
+        """The sheets of all rings, the sheet itself where there is one ring."""
+        return self.rings or (self,)
 
     def line(self, time_s: Vector, values: Vector) -> tuple[Vector, Vector]:
         """Return the points to draw of a quantity over time."""
@@ -55,13 +81,32 @@ class Sheet:
         return position_m if self.points_max is None else thinned_path(position_m, self.points_max)
 
 
+def sheet_of(
+    record: FlightRecord,
+    result: FlightResult,
+    rings: Sequence[DesiredRing],
+    formation: FormationReference | None = None,
+    points_max: int | None = None,
+) -> Sheet:
+    """Return the data of all panels of a flight over these rings, its mission's."""
+    sheet = Sheet(record, result, rings[0], formation, ring_motion(record, rings[0].gaps), points_max)
+    team = tuple(track.vehicle_id for track in record.vehicles)
+    sheets = []
+    for number, (named, ring) in enumerate(zip(result.rings, rings, strict=bool(result.rings))):
+        alone = record.of_ring(number).of_vehicles({vehicle.id for vehicle in named.result.vehicles})
+        motion = ring_motion(alone, ring.gaps)
+        sheets.append(Sheet(alone, named.result, ring, formation, motion, points_max, named.name, team))
+    return replace(sheet, rings=tuple(sheets))
+
+
 def landmarks_m(sheet: Sheet) -> Vector:
-    """Return points (K, 2) that the map must show: every path, and the desired ring where there is one."""
+    """Return points (K, 2) that the map must show: every path, and the desired rings that were flown."""
     paths = [track.position_m for track in sheet.record.vehicles]
-    target_m = sheet.record.target_path_m
-    if sheet.result.window_s is not None:
-        paths += [target_m[-1:] - sheet.ring.radius_m, target_m[-1:] + sheet.ring.radius_m]
-    points_m = np.concatenate([*paths, target_m])
+    for each in sheet.each_ring:
+        if each.result.window_s is not None:
+            target_m = each.record.target_path_m
+            paths += [target_m[-1:] - each.ring.radius_m, target_m[-1:] + each.ring.radius_m]
+    points_m = np.concatenate([*paths, *sheet.record.target_paths_m])
     known_m = points_m[np.isfinite(points_m).all(axis=1)]
     return known_m if known_m.size else np.zeros((1, 2))
 
@@ -80,26 +125,64 @@ def draw_paths(axes: "Axes", sheet: Sheet) -> None:
     axes.set_aspect("equal", adjustable="datalim")
     axes.set(xlabel="x [m]", ylabel="y [m]")
     title(axes, f"{record.mission}: paths", _verdict_line(sheet.result), is_fault=sheet.result.passes is False)
-    _draw_target(axes, sheet)
+    names = dict(zip(record.ring_targets, (each.target for each in sheet.result.rings), strict=False))
+    for number, target_m in enumerate(record.target_paths_m):
+        _draw_target(axes, sheet, target_m, names.get(number, ""))
+    _draw_rings(axes, sheet)
     for row, track in enumerate(record.vehicles):
         axes.plot(*sheet.path(track.position_m).T, alpha=0.85, **sheet.style(row))
     for row, track in enumerate(record.vehicles):
         _mark_engagement(axes, sheet, row, track.position_m[:, 0], track.position_m[:, 1])
-        mark_vehicle(axes, track, COLOURS[row % len(COLOURS)])
+        mark_vehicle(axes, track, sheet.colour(row))
 
 
-def _draw_target(axes: "Axes", sheet: Sheet) -> None:
-    from matplotlib.patches import Circle  # noqa: PLC0415
-
-    path_m = sheet.record.target_path_m
+def _draw_target(axes: "Axes", sheet: Sheet, path_m: Vector, name: str) -> None:
     known_m = path_m[np.isfinite(path_m).all(axis=1)]
     if not known_m.size:
         return
     axes.plot(*sheet.path(known_m).T, color="black", linewidth=1.2, zorder=3)
     axes.plot(*known_m[0], marker="D", markersize=6, markerfacecolor="white", color="black", zorder=5)
     axes.plot(*known_m[-1], marker="D", markersize=8, color="black", zorder=6)
-    if sheet.result.window_s is not None:
-        axes.add_patch(Circle(tuple(known_m[-1]), sheet.ring.radius_m, fill=False, **DESIRED))
+    if name:
+        axes.annotate(
+            name, known_m[-1], (8, 0), textcoords="offset points", va="center", fontsize=9, color=INK, zorder=9
+        )
+
+
+def _draw_rings(axes: "Axes", sheet: Sheet) -> None:
+    """Draw the rings that were flown about the last positions of their targets, several with their names."""
+    from matplotlib.patches import Circle  # noqa: PLC0415
+
+    names: dict[tuple[float, float, float], list[str]] = {}
+    for each in sheet.each_ring:
+        path_m = each.record.target_path_m
+        known_m = path_m[np.isfinite(path_m).all(axis=1)]
+        if each.result.window_s is not None and known_m.size:
+            x, y = known_m[-1].tolist()
+            names.setdefault((x, y, each.ring.radius_m), []).append(ring_label(each))
+    for (x, y, radius_m), labels in names.items():
+        axes.add_patch(Circle((x, y), radius_m, fill=False, **DESIRED))
+        if sheet.rings:
+            name_ring(axes, (x, y + radius_m), ", ".join(labels))
+
+
+def name_ring(axes: "Axes", top_m: tuple[float, float], label: str) -> "Annotation":
+    """Write the label of a ring above its highest point on the map."""
+    return axes.annotate(
+        label, top_m, (0, 3), textcoords="offset points", ha="center", va="bottom", fontsize=9, color=INK, zorder=9
+    )
+
+
+def ring_label(sheet: Sheet) -> str:
+    """Return the name of a ring, with the height of its lowest vehicle if it has heights of its own."""
+    height_m = ring_height_m(sheet)
+    return sheet.name if height_m is None else f"{sheet.name}, {height_m:g} m high"
+
+
+def ring_height_m(sheet: Sheet) -> float | None:
+    """Return the height at the ring's centre of the lowest vehicle that was on it, None without heights of its own."""
+    ids = {track.vehicle_id for track in sheet.record.vehicles}
+    return min((height_m for each, height_m in sheet.ring.heights_m.items() if each in ids), default=None)
 
 
 def mark_vehicle(axes: "Axes", track: VehicleTrack, colour: str) -> None:
@@ -127,7 +210,7 @@ def _mark_engagement(axes: "Axes", sheet: Sheet, row: int, x: Vector, y: Vector)
     if engaged_s is None:
         return
     sample = int(np.argmin(np.abs(sheet.record.time_s - engaged_s)))
-    axes.plot(x[sample], y[sample], color=COLOURS[row % len(COLOURS)], zorder=6, **ENGAGED)
+    axes.plot(x[sample], y[sample], color=sheet.colour(row), zorder=6, **ENGAGED)
 
 
 def draw_speeds(axes: "Axes", sheet: Sheet) -> None:
@@ -159,7 +242,11 @@ def draw_radii(axes: "Axes", sheet: Sheet) -> None:
     """Draw the distances to the target on the ring - figures 3 and 5."""
     axes.set(xlabel="time [s]", ylabel="radius [m]")
     errors_m = [v.radius_error_rms_m for v in sheet.result.vehicles if v.radius_error_rms_m is not None]
-    title(axes, "Radius about the target", f"largest error {max(errors_m):.2g} m rms" if errors_m else "")
+    title(
+        axes,
+        sheet.titled("Radius about the target", "radius"),
+        f"largest error {max(errors_m):.2g} m rms" if errors_m else "",
+    )
     _draw_ring_panel(axes, sheet, sheet.motion.radius_m, sheet.desired_m)
 
 
@@ -167,7 +254,11 @@ def draw_rates(axes: "Axes", sheet: Sheet) -> None:
     """Draw the angular velocities about the target - figures 3 and 5."""
     axes.set(xlabel="time [s]", ylabel="angular velocity [rad/s]")
     means_rad_s = [v.angular_rate_mean_rad_s for v in sheet.result.vehicles if v.angular_rate_mean_rad_s is not None]
-    title(axes, "Angular velocity", f"mean {np.mean(means_rad_s):.4f} rad/s" if means_rad_s else "")
+    title(
+        axes,
+        sheet.titled("Angular velocity", "angular velocity"),
+        f"mean {np.mean(means_rad_s):.4f} rad/s" if means_rad_s else "",
+    )
     desired_rad_s = sheet.desired_rad_s
     _draw_ring_panel(axes, sheet, sheet.motion.rate_rad_s, desired_rad_s)
     # The rate of a vehicle that passes close to the target is far out of scale.
@@ -181,7 +272,11 @@ def draw_spacings(axes: "Axes", sheet: Sheet) -> None:
     """Draw the angle from each vehicle to the next on the ring - figure 6."""
     axes.set(xlabel="time [s]", ylabel="spacing [°]")
     error_deg = sheet.result.ring.spacing_error_rms_deg
-    title(axes, "Angular separation", f"error {error_deg:.2g}° rms" if error_deg is not None else "")
+    title(
+        axes,
+        sheet.titled("Angular separation", "spacing"),
+        f"error {error_deg:.2g}° rms" if error_deg is not None else "",
+    )
     lead_deg, desired_deg = np.degrees(sheet.motion.lead_rad), np.degrees(sheet.motion.desired_spacing_rad)
     if sheet.result.window_s is not None and np.isnan(lead_deg).all():
         mark_empty(axes, "one vehicle on the ring: no spacing")
@@ -192,7 +287,7 @@ def draw_spacings(axes: "Axes", sheet: Sheet) -> None:
 def _draw_ring_panel(axes: "Axes", sheet: Sheet, values: Vector, desired: Vector | float) -> None:
     """Draw one quantity (V, T) of the ring, from the first engagement on, over the window of the metrics."""
     if sheet.result.window_s is None:
-        mark_empty(axes, "no vehicle engaged")
+        mark_empty(axes, "no vehicle was on this ring" if sheet.name else "no vehicle engaged")
         return
     time_s = sheet.record.time_s
     first_s = min(v.engaged_at_s for v in sheet.result.vehicles if v.engaged_at_s is not None)

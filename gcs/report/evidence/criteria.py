@@ -15,7 +15,7 @@ from gcs.metrics.references import (
     VerdictTolerances,
     engagement_reference,
     formation_reference,
-    ring_reference,
+    ring_references,
     verdict_tolerances,
 )
 from gcs.metrics.result import PlantResult
@@ -70,7 +70,7 @@ def _setpoints(plant: Plant, evidence: VehicleEvidence) -> Vector:
 class Criteria:
     """The references and tolerances of a mission; `spacing_gain_per_s` is gamma of (22), None if not known.
 
-    `engagement` is which vehicles engage the target.
+    `engagement` is which vehicles engage the target. `ring` is the only ring, or the first of several `rings`.
     """
 
     ring: DesiredRing
@@ -78,14 +78,26 @@ class Criteria:
     tolerances: VerdictTolerances
     spacing_gain_per_s: float | None = None
     engagement: EngagementReference = field(default_factory=EngagementReference)
+    rings: tuple[DesiredRing, ...] = ()
+
+    @property
+    def every_ring(self) -> tuple[DesiredRing, ...]:
+        """All rings, also if there is only one."""
+        return self.rings or (self.ring,)
+
+    def of_ring(self, number: int) -> "Criteria":
+        """Return the criteria of one ring."""
+        return replace(self, ring=self.every_ring[number], rings=())
 
 
 def criteria_of(mission: Mission, record: FlightRecord) -> Criteria:
     """Return the criteria of a flight of a mission."""
+    rings = ring_references(mission, record)
     return Criteria(
-        ring_reference(mission, record.events),
+        rings[0],
         formation_reference(mission),
         verdict_tolerances(mission),
-        mission.encirclement.spacing_gain_per_s,
+        mission.encirclement.spacing_gain_per_s,  # that of all rings
         engagement_reference(mission),
+        rings if len(rings) > 1 else (),
     )

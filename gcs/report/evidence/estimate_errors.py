@@ -1,6 +1,6 @@
 """Errors of the vehicles' estimates against the truth, or against the best reference that is available."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -83,14 +83,21 @@ def target_errors(record: FlightRecord, vehicles: Sequence[VehicleEvidence]) -> 
     rows = [row for row, vehicle in enumerate(vehicles) if vehicle.target.time_s.size]
     if np.isfinite(record.target_position_m).any():
         comparison = "estimation error" if record.reference == "truth" else "estimate − recorded target"
-        reference_m = dict.fromkeys(rows, record.target_position_m)
+        reference_m = {row: record.target_of(record.vehicles[row]).position_m for row in rows}
     else:
         comparison = "estimate − mean of the other vehicles"
         estimated_m = {row: _on_grid_m(vehicles[row].target, record.time_s) for row in rows}
         reference_m = {
-            row: _mean_m([estimated_m[other] for other in rows if other != row], record.time_s) for row in rows
+            row: _mean_m([_alike_m(record, row, other, estimated_m) for other in rows if other != row], record.time_s)
+            for row in rows
         }
     return comparison, [estimate_error(row, vehicles[row].target, record.time_s, reference_m[row]) for row in rows]
+
+
+def _alike_m(record: FlightRecord, row: int, other: int, estimated_m: Mapping[int, Vector]) -> Vector:
+    """Return a vehicle's estimates (T, 2), NaN where they are of another target than those of the vehicle of a row."""
+    is_same = record.target_numbers(record.vehicles[row]) == record.target_numbers(record.vehicles[other])
+    return np.where(is_same[:, None], estimated_m[other], np.nan)
 
 
 def _on_grid_m(estimate: EstimateSeries, time_s: Vector) -> Vector:

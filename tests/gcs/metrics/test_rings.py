@@ -6,8 +6,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from agents.flight_end import FlightEnd
 from agents.notes import RingCommanded
 from agents.ring.commanded_ring import change_s
+from gcs.metrics.ending import VehicleEnding
 from gcs.metrics.metrics import evaluated
 from gcs.metrics.record import FlightEvent, FlightRecord, VehicleTrack
 from gcs.metrics.references import EngagementResult
@@ -163,6 +165,47 @@ def test_a_vehicle_in_formation_between_two_rings_has_left_the_first_and_comes_t
     east, north = judged(replace(record, vehicles=(*record.vehicles[:2], mover, *record.vehicles[3:]))).rings
     assert [each.begins_at_s for each in east.result.transitions] == [ENGAGES_S, MOVES_S]
     assert [each.begins_at_s for each in north.result.transitions] == [ENGAGES_S, MOVES_S + 10.0]
+
+
+def test_the_way_between_two_rings_belongs_to_neither_and_is_no_departure() -> None:
+    record = one_changes()
+    arrives_s = MOVES_S + COMES_S
+    transit = (TIME_S >= MOVES_S - 1e-9) & (arrives_s - 1e-9 > TIME_S)
+    mover = record.vehicles[2]
+    mover = replace(mover, tactic=np.where(transit, "transit", mover.tactic))
+    lost = VehicleEnding(3, FlightEnd.LOST, "link lost")
+    result = judged(replace(record, vehicles=(*record.vehicles[:2], mover, *record.vehicles[3:]), endings=(lost,)))
+    east, north = result.rings
+    assert [(each.begins_at_s, each.members) for each in east.result.transitions] == [(ENGAGES_S, 3), (MOVES_S, 2)]
+    assert [(each.begins_at_s, each.members) for each in north.result.transitions] == [(ENGAGES_S, 2), (arrives_s, 3)]
+    assert north.result.vehicles[0].engaged_at_s == arrives_s
+    assert result.departures is not None
+    assert [each.at_s for each in result.departures] == [DURATION_S]  # where the flight ends, with its vehicle lost
+
+
+def test_a_ring_is_left_when_a_vehicle_sets_out_also_if_it_never_arrives() -> None:
+    record = one_changes()
+    mover = record.vehicles[2]
+    mover = replace(mover, tactic=np.where(TIME_S >= MOVES_S - 1e-9, "transit", mover.tactic))
+    result = judged(replace(record, vehicles=(*record.vehicles[:2], mover, *record.vehicles[3:])))
+    assert [(each.begins_at_s, each.members) for each in result.rings[0].result.transitions] == [
+        (ENGAGES_S, 3),
+        (MOVES_S, 2),
+    ]
+    assert [each.id for each in result.rings[1].result.vehicles] == [4, 5]
+    assert result.engagement.holds is True
+
+
+def test_a_vehicle_on_its_way_to_a_ring_at_the_end_may_yet_engage() -> None:
+    record = five_vehicles()
+    setting_out = replace(record.vehicles[4], tactic=np.where(TIME_S < 590.0, "formation", "transit"))
+    result = judged(replace(record, vehicles=(*record.vehicles[:4], setting_out)))
+    assert result.engagement == EngagementResult((1, 2, 3, 4), (1, 2, 3, 4), (5,))
+    assert result.verdicts.engaged is None
+    # The formation is judged until the first vehicle leaves it, which one in transit has.
+    early = replace(record.vehicles[4], tactic=np.where(TIME_S < 32.0, "formation", "transit"))
+    result = judged(replace(record, vehicles=(*record.vehicles[:4], early)))
+    assert result.verdicts.formation is None
 
 
 def test_a_commanded_ring_is_that_of_its_number() -> None:

@@ -68,7 +68,7 @@ def test_the_suffix_chooses_the_format_and_the_file_repeats_byte_for_byte(
     flown, result, formation = flight(1, 1)
     paths = [tmp_path / name, tmp_path / again]
     for path in paths:
-        save_figure(flown, result, RING, path, formation, 2)
+        save_figure(flown, result, (RING,), path, formation, 2)
     assert paths[0].read_bytes().startswith(magic)
     assert paths[0].read_bytes() == paths[1].read_bytes()
     assert b"Date" not in paths[0].read_bytes()
@@ -77,13 +77,13 @@ def test_the_suffix_chooses_the_format_and_the_file_repeats_byte_for_byte(
 def test_another_suffix_is_refused_with_the_list(tmp_path: Path) -> None:
     flown, result, _ = flight(1, 0)
     with pytest.raises(ValueError, match=r"'flight\.gif'.*\.png, \.svg, \.pdf"):
-        save_figure(flown, result, RING, tmp_path / "flight.gif")
+        save_figure(flown, result, (RING,), tmp_path / "flight.gif")
     assert not list(tmp_path.iterdir())
 
 
 def test_the_panels_draw_what_was_flown(tmp_path: Path, drawn: list[Figure]) -> None:
     flown, result, formation = flight(3, 3)
-    save_figure(flown, result, RING, tmp_path / "flight.svg", formation)
+    save_figure(flown, result, (RING,), tmp_path / "flight.svg", formation)
     paths = panel(drawn[0], "paths")
     assert paths.get_aspect() == 1.0
     by_colour = {str(line.get_color()): line for line in paths.lines if len(np.atleast_1d(line.get_xdata())) > 1}
@@ -101,11 +101,11 @@ def test_a_figure_of_the_paper_alone_has_the_panels_of_the_page(
     tmp_path: Path, drawn: list[Figure], subtests: pytest.Subtests
 ) -> None:
     flown, result, formation = flight(3, 3)
-    save_figure(flown, result, RING, tmp_path / "page.svg", formation)
+    save_figure(flown, result, (RING,), tmp_path / "page.svg", formation)
     wanted = {1: ["y"], 2: ["speed in x"], 3: ["radius", "angular velocity"], 4: ["y"], 6: ["spacing"]}
     for number, quantities in {**wanted, 5: wanted[3]}.items():
         with subtests.test(number=number):
-            save_figure(flown, result, RING, tmp_path / "one.svg", formation, number)
+            save_figure(flown, result, (RING,), tmp_path / "one.svg", formation, number)
             assert [axes.get_ylabel().split(" [")[0] for axes in drawn[-1].axes] == quantities
             for axes in drawn[-1].axes:
                 page = panel(drawn[0], axes.get_title(loc="left"))
@@ -115,7 +115,7 @@ def test_a_figure_of_the_paper_alone_has_the_panels_of_the_page(
 
 def test_every_axis_states_its_unit(tmp_path: Path, drawn: list[Figure]) -> None:
     flown, result, formation = flight(3, 3)
-    save_figure(flown, result, RING, tmp_path / "flight.png", formation)
+    save_figure(flown, result, (RING,), tmp_path / "flight.png", formation)
     labels = [label for axes in drawn[0].axes for label in (axes.get_xlabel(), axes.get_ylabel())]
     assert len(labels) == 10
     assert all(label.endswith("]") for label in labels)
@@ -124,13 +124,13 @@ def test_every_axis_states_its_unit(tmp_path: Path, drawn: list[Figure]) -> None
 @pytest.mark.parametrize(("engaging", "reasons"), [(0, ["engaged"] * 3), (1, ["spacing"])])
 def test_panels_without_data_say_why(tmp_path: Path, drawn: list[Figure], engaging: int, reasons: list[str]) -> None:
     flown, result, _ = flight(3, engaging)
-    save_figure(flown, result, RING, tmp_path / "flight.png")
+    save_figure(flown, result, (RING,), tmp_path / "flight.png")
     assert [text.get_text().split()[-1] for axes in drawn[0].axes[1:] for text in axes.texts] == reasons
 
 
 def test_sixteen_vehicles_are_told_apart(tmp_path: Path, drawn: list[Figure]) -> None:
     flown, result, formation = flight(16, 16)
-    save_figure(flown, result, RING, tmp_path / "flight.png", formation)
+    save_figure(flown, result, (RING,), tmp_path / "flight.png", formation)
     lines = [line for line in panel(drawn[0], "Radius").lines if str(line.get_label()).startswith("vehicle ")]
     looks = {(str(line.get_color()), str(line.get_linestyle()), str(line._dash_pattern)) for line in lines}  # type: ignore[attr-defined]
     assert len(looks) >= 16
@@ -142,9 +142,9 @@ def test_vehicles_and_targets_not_heard_are_drawn_around(tmp_path: Path, recwarn
     silent = np.full_like(TARGET_M, np.nan)
     unheard = replace(flown.vehicles[0], position_m=silent, velocity_m_s=silent, tactic=np.full(TIME_S.size, "unknown"))
     mute = replace(flown, vehicles=(unheard, *flown.vehicles[1:]))
-    save_figure(mute, evaluate(mute, RING, formation, TOLERANCES), RING, tmp_path / "mute.png")
+    save_figure(mute, evaluate(mute, RING, formation, TOLERANCES), (RING,), tmp_path / "mute.png")
     blind = replace(flown, target_position_m=silent, target_velocity_m_s=silent)
-    save_figure(blind, evaluate(blind, RING, formation, TOLERANCES), RING, tmp_path / "blind.png")
+    save_figure(blind, evaluate(blind, RING, formation, TOLERANCES), (RING,), tmp_path / "blind.png")
     assert not recwarn.list
 
 
@@ -152,5 +152,5 @@ def test_the_style_is_not_left_behind(tmp_path: Path) -> None:
     flown, result, formation = flight(1, 0)
     before = rcParams["axes.grid"]
     assert STYLE["axes.grid"] != before
-    save_figure(flown, result, RING, tmp_path / "flight.png", formation, 2)
+    save_figure(flown, result, (RING,), tmp_path / "flight.png", formation, 2)
     assert rcParams["axes.grid"] == before
