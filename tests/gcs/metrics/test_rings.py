@@ -316,3 +316,28 @@ def test_a_record_of_one_ring_is_its_own() -> None:
     record = flown(*five_vehicles().vehicles[:3])
     alone = replace(record, targets=(), ring_targets=())
     assert alone.of_ring(0) is alone
+
+
+@pytest.mark.parametrize(("above_m", "closest_m"), [(3.0, 5.0), (2.0, 0.0), (None, None)])
+def test_vehicles_above_each_other_are_separated_by_their_heights(
+    above_m: float | None, closest_m: float | None
+) -> None:
+    """Two on one circle, one above the other; a third 5 m beside them in height of the first."""
+    mission = two_rings()
+    settings = [each.encirclement.model_copy(update={"altitude_m": 8.0}) for each in mission.rings]
+    rings = tuple(replace(each, encirclement=ring) for each, ring in zip(mission.rings, settings, strict=True))
+    stacked = replace(mission, rings=rings, safety=mission.safety.model_copy(update={"vertical_separation_m": 3.0}))
+    still = np.zeros((TIME_S.size, 2))
+    heights_m = (None,) * 3 if above_m is None else (8.0, 8.0 + above_m, 8.0)
+    tracks = [
+        VehicleTrack(
+            number,
+            still + np.array((0.0, y)),
+            still,
+            np.full(TIME_S.size, "formation"),
+            altitude_m=None if height_m is None else np.full(TIME_S.size, height_m),
+        )
+        for number, y, height_m in zip((1, 2, 3), (0.0, 0.0, 5.0), heights_m, strict=True)
+    ]
+    assert evaluated(stacked, flown(*tracks)).closest_approach_m == closest_m
+    assert evaluated(mission, flown(*tracks)).closest_approach_m == 0.0
