@@ -43,8 +43,8 @@ def command(
     *arguments: Annotated[
         str,
         Parameter(
-            help="formation: the shape; ring: the values to change, after the ring's name if there are several; "
-            "assign: the vehicle, and the name of its ring or auto."
+            help="formation: the shape; ring: the values to change, with several rings after its name; "
+            "assign: the vehicle, and its ring's name or auto."
         ),
     ],
     options: CommandOptions = _DEFAULTS,
