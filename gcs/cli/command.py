@@ -56,7 +56,6 @@ def command(
     Example: cordon command ring radius=15 rate=-0.1
     """
     from agents.ports import VehicleRefusedError
-    from agents.team.messages import MISSION_RING
     from gcs.cli.output import confirmed
     from gcs.console.command_client import CommandClient
     from gcs.console.terminal import print_problem
@@ -78,7 +77,7 @@ def command(
         )
         answers = asyncio.run(sent)
     except VehicleRefusedError as refusal:
-        if faults := ring_faults(MISSION_RING):  # no team has sent the ring that it flies
+        if faults := ring_faults(()):  # no team has sent the rings that it flies
             raise InputError(faults) from refusal
         print_problem(refusal.reason, refusal.next_step)
         return Exit.REFUSED
@@ -240,9 +239,9 @@ def _ring_faults(mission: "Mission", given: _Given) -> "RingFaults":
 
     if not isinstance(given.argument, RingValues):
         return lambda _flown: ()
-    from gcs.console.ring_change import ring_faults
+    from gcs.preflight.mission import ring_change_faults
 
-    return partial(ring_faults, mission, given.ring_number or 0, given.argument)
+    return partial(ring_change_faults, mission, given.argument, ring=given.ring_number or 0)
 
 
 def _question(row: VerbRow, vehicles: Sequence[int], mission: "Mission") -> str:

@@ -72,7 +72,7 @@ class CommandResult:
 
 OnAnswer = Callable[[int, CommandResult], None]
 """Called with each new answer of a vehicle."""
-RingFaults = Callable[[CommandedRing], Sequence[str]]
+RingFaults = Callable[[Sequence[CommandedRing]], Sequence[str]]
 """Returns why a command of the ring must not be sent to a team, from the values that were commanded before."""
 
 
@@ -118,7 +118,7 @@ class CommandClient:
         """
         self._identity = identity or team_keys(mission).identity("operator")
         self._bus = guest_bus(mission, self._identity)
-        self._vehicles = mission.ids
+        self._vehicles, self._ring_count = mission.ids, max(1, len(mission.rings))
         self._clocks = TeamClock()
         self._missions = TeamMissions(mission)
         self._on_message = on_message
@@ -171,7 +171,7 @@ class CommandClient:
             if VERBS[verb].needs_mission:
                 await self._wait_for_team(vehicles, verb)
                 if isinstance(argument, RingValues):
-                    await self._require_ring(vehicles, ring_faults, ring_number)
+                    await self._require_ring(vehicles, ring_faults)
             else:
                 await self._until(lambda: self._missions.is_same or self._missions.is_other, _MISSION_TIMEOUT_S)
                 self._missions.refuse_other()
@@ -252,10 +252,10 @@ class CommandClient:
         rest_s = first_s + _ALL_RECEIVED_TIMEOUT_S - monotonic()
         await self._until(lambda: self._clocks.members >= set(vehicles), rest_s)
 
-    async def _require_ring(self, vehicles: Collection[int], ring_faults: RingFaults, ring_number: int | None) -> None:
+    async def _require_ring(self, vehicles: Collection[int], ring_faults: RingFaults) -> None:
         """Raise InputError if a command has faults where the team flies the ring that was commanded last."""
         await self._until(lambda: self._rings.keys() >= {*vehicles} - self.ended.keys(), _ALL_RECEIVED_TIMEOUT_S)
-        if faults := await asyncio.to_thread(ring_faults, self.commanded_ring(ring_number)):
+        if faults := await asyncio.to_thread(ring_faults, self.commanded_rings):
             raise InputError(faults)
 
     def _require_any(self) -> float:
@@ -267,13 +267,11 @@ class CommandClient:
             )
         return self._first_message_s
 
-    def commanded_ring(self, ring_number: int | None = None) -> CommandedRing:
-        """Return the values of a ring that the team's states have as commanded last, by any operator.
-
-        A mission of one ring needs no number.
-        """
-        flying = (rings for vehicle, rings in self._rings.items() if vehicle not in self.ended)
-        return newest_commanded(flying, ring_number or 0)
+    @property
+    def commanded_rings(self) -> list[CommandedRing]:
+        """The values of the mission's rings, in order, that operators commanded last, by the team's states."""
+        flying = [rings for vehicle, rings in self._rings.items() if vehicle not in self.ended]
+        return [newest_commanded(flying, number) for number in range(self._ring_count)]
 
     @property
     def difference(self) -> str:

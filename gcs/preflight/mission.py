@@ -3,7 +3,6 @@
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from math import asin, floor, hypot, inf, pi, sqrt
-from types import MappingProxyType
 
 import numpy as np
 from msgspec.structs import asdict
@@ -190,15 +189,16 @@ def _of_ring(finding: Finding, mission: Mission, number: int) -> Finding:
     return replace(finding, found=found, why=why, next_step=next_step)
 
 
-def commanded_ring_bounds(mission: Mission) -> RingBounds:
-    """Return the bounds of the rings that the whole team can be commanded to fly about the mission's target."""
-    every = [ring_bounds(mission.agent_config(vehicle)) for vehicle in mission.vehicles]
-    is_seen = mission.target.source == "simulated"
-    ranges_m = [mission.sensor(vehicle_id).range_m for vehicle_id in mission.ids] if is_seen else []
+def commanded_ring_bounds(mission: Mission, ring: int = 0) -> RingBounds:
+    """Return the bounds of what the whole team can be commanded to fly about the target of a ring, full of vehicles."""
+    every = [ring_bounds(mission.agent_config(vehicle).on_ring(ring)) for vehicle in mission.vehicles]
+    target = mission.of_ring(ring).target
+    is_seen = target.source == "simulated"
+    ranges_m = [mission.sensor(vehicle_id, target).range_m for vehicle_id in mission.ids] if is_seen else []
     return RingBounds(
         max(each.radius_min_m for each in every),
         min([each.radius_max_m for each in every] + ranges_m),
-        RESERVE * min(each.speed_max_m_s for each in every) - mission.target.speed_max_m_s,
+        RESERVE * min(each.speed_max_m_s for each in every) - target.speed_max_m_s,
         RESERVE * min(each.acceleration_max_m_s2 for each in every),
         every[0].altitude_min_m,
         every[0].altitude_max_m,
@@ -207,27 +207,26 @@ def commanded_ring_bounds(mission: Mission) -> RingBounds:
 
 
 def ring_change_faults(
-    mission: Mission,
-    values: RingValues,
-    flown: CommandedRing = MISSION_RING,
-    ring: int = 0,
-    others: Mapping[int, CommandedRing] = MappingProxyType({}),
+    mission: Mission, values: RingValues, flown: Sequence[CommandedRing] = (), ring: int = 0
 ) -> list[str]:
     """Return why a team must not be commanded to other values of a ring: the checks that only the mission passes.
 
-    A value that the command leaves out is that of the ring which was commanded before, `flown`. `others` are what was
-    commanded of the mission's other rings, by their numbers: the ring must not cut them.
+    `flown` are the values of the mission's rings that were commanded before, in order, empty if none were: the ring has
+    those of its own that the command leaves out, and must not cut the others.
     """
-    section = f"rings[{ring}]" if mission.rings else "encirclement"
-    wanted = {f"rings[{number}]": _given(other, RingValues()) for number, other in others.items()}
-    wanted[section] = _given(flown, values)
+    sections = [f"rings[{number}]" for number in range(len(mission.rings))] or ["encirclement"]
+    before = flown or [MISSION_RING] * len(sections)
+    wanted = {
+        section: _given(commanded, values if number == ring else RingValues())
+        for number, (section, commanded) in enumerate(zip(sections, before, strict=True))
+    }
     try:
         changed = mission.replace(**wanted)
     except InputError as error:
         return list(error.faults)
-    before = {found.check: found.grade for found in feasibility(full_ring(mission, ring))}
+    grades = {found.check: found.grade for found in feasibility(full_ring(mission, ring))}
     after = (_of_ring(found, changed, ring) for found in feasibility(full_ring(changed, ring)))
-    worse = (found for found in after if before.get(found.check) is Grade.PASS is not found.grade)
+    worse = (found for found in after if grades.get(found.check) is Grade.PASS is not found.grade)
     return [f"{found.check}: {found.found}; {found.why}; next: {found.next_step}" for found in worse]
 
 

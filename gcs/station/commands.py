@@ -15,12 +15,12 @@ from agents.tactics import Tactic
 from agents.team.messages import RingValues
 from agents.team.verbs import VERBS
 from gcs.console.command_client import CommandClient, CommandResult
-from gcs.console.ring_change import ring_faults
 from gcs.console.rings import ring_names
 from gcs.errors import InputError
 from gcs.keys.identity import Identity
 from gcs.keys.team_keys import team_keys
 from gcs.mission.mission import Mission
+from gcs.preflight.mission import ring_change_faults
 from gcs.station.picture import AnswerPicture, CommandRequest, EventPicture, OperatorRights
 
 NO_ANSWER = "no answer"
@@ -171,7 +171,7 @@ class Commands:
             taken.answer(sender, result.did, is_obeyed=result.obeyed, is_final=result.is_final)
 
         ring, number = taken.request.ring, taken.request.ring_number
-        faults = partial(ring_faults, self._mission, number or 0, ring or RingValues())
+        faults = partial(ring_change_faults, self._mission, ring or RingValues(), ring=number or 0)
         results = await client.command(verb, asked, vehicle, ring, answered, ring_faults=faults, ring_number=number)
         for vehicle_id, result in results.items():
             if result is None or not result.is_final:

@@ -16,7 +16,6 @@ from agents.team.messages import RingNumber, RingValues
 from agents.team.verbs import VERBS, Verb, VerbRow
 from estimation.frames import Triple
 from gcs.console.advice import Severity
-from gcs.console.ring_change import bounds_of_ring
 from gcs.console.vehicle_view import Pair, VehicleView
 from gcs.mission.mission import Mission, MissionVehicle
 from gcs.preflight.mission import commanded_ring_bounds
@@ -251,7 +250,7 @@ def _rings(mission: Mission) -> tuple[RingPicture, ...]:
             each.places,
             COLOURS[-1 - number % len(COLOURS)],
             _ring_values(mission, each.encirclement),
-            bounds_of_ring(mission, number),
+            commanded_ring_bounds(mission, number),
         )
         for number, each in enumerate(mission.rings)
     )

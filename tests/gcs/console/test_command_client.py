@@ -23,12 +23,11 @@ from agents.team.messages import (
 )
 from agents.team.participant import Participant
 from gcs.console.command_client import CommandClient, TeamClock, _Sent
-from gcs.console.ring_change import bounds_of_ring, ring_faults
 from gcs.errors import InputError
 from gcs.keys.identity import Identity
 from gcs.mission.file import load_mission
 from gcs.mission.mission import Mission
-from gcs.preflight.mission import ring_change_faults
+from gcs.preflight.mission import commanded_ring_bounds, ring_change_faults
 from tests.support.mission_text import INSECURE
 from tests.support.several_rings import HIGH, NORTH, SOUTH, with_rings
 
@@ -212,20 +211,20 @@ async def test_a_value_of_one_of_several_rings_is_checked_with_that_ring(
     client = CommandClient(mission, Identity(Participant("operator", "pat")))
     bus = RingingBus(mission, {1: RingChoice(0, b"", rings), 2: RingChoice(None), 3: None})
     client._bus = bus  # type: ignore[assignment]
-    faults = partial(ring_faults, mission, number, values)
+    faults = partial(ring_change_faults, mission, values, ring=number)
     command = client.command("ring", mission.ids, None, values, ring_faults=faults, ring_number=number)
     if is_sent:
         await command
         assert {(each.ring, each.ring_number, each.vehicle) for each in bus.sent} == {(values, number, None)}
     else:
-        with pytest.raises(InputError, match=f"ring '{mission.rings[number].name}': .* rad/s"):
+        with pytest.raises(InputError, match=rf"rings\[{number}\].* rad/s|ring {mission.rings[number].name}: .* m/s"):
             await command
         assert bus.sent == []
 
 
 def test_a_ring_has_room_for_the_vehicles_that_it_has_places_for(mission_file: Callable[..., str]) -> None:
     mission = with_rings(load_mission(mission_file("case2")))
-    assert bounds_of_ring(mission, SOUTH).radius_min_m == pytest.approx(3.0 / 2.0), "two are opposite each other"
+    assert commanded_ring_bounds(mission, SOUTH).radius_min_m == pytest.approx(3.0 / 2.0), "two are opposite each other"
 
 
 @pytest.mark.parametrize("number", [HIGH, None])

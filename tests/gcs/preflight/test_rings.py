@@ -4,7 +4,7 @@ from math import hypot
 
 import pytest
 
-from agents.team.messages import CommandedRing, RingValues
+from agents.team.messages import MISSION_RING, CommandedRing, RingValues
 from gcs.preflight.findings import MISSION, Finding, Grade
 from gcs.preflight.mission import (
     extent_m,
@@ -100,6 +100,8 @@ def test_a_command_of_one_ring_is_checked_against_the_others_and_its_own_limits(
     (low,) = ring_change_faults(below, RingValues(altitude_m=9.0), ring=1)
     assert "1 m in height" in low
     raised = CommandedRing(altitude_m=5.0, altitude_s=1.0)
-    assert ring_change_faults(below, RingValues(altitude_m=9.0), ring=1, others={0: raised}) == []
-    (away,) = ring_change_faults(below, RingValues(radius_m=11.0), CommandedRing(altitude_m=9.0), 1)
+    rest = [MISSION_RING] * (len(below.rings) - 2)
+    assert ring_change_faults(below, RingValues(altitude_m=9.0), [raised, MISSION_RING, *rest], 1) == []
+    lowered = CommandedRing(altitude_m=9.0, altitude_s=1.0)
+    (away,) = ring_change_faults(below, RingValues(radius_m=11.0), [MISSION_RING, lowered, *rest], 1)
     assert "1.00 m from rings[0] after 0 s, and 1 m in height" in away

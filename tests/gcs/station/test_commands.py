@@ -143,7 +143,7 @@ async def test_one_of_several_rings_is_changed_and_vehicles_are_assigned_to_it(
     refused = {
         "no ring": (asked("1", "ring", ring=[12.0, None]), "names no ring"),
         "a ring that there is not": (asked("2", "ring", ring=[12.0, None], ring_number=3), "north, south, high"),
-        "a ring beyond its own bounds": (asked("3", "ring", ring=[None, 0.18], ring_number=1), "ring 'south'"),
+        "a ring beyond its own bounds": (asked("3", "ring", ring=[None, 0.18], ring_number=1), "ring south"),
         "a ring of some": (asked("4", "ring", [1], ring=[12.0, None], ring_number=1), "the whole team"),
         "an assignment of all": (asked("5", "assign", ring_number=1), "select"),
         "to a ring that there is not": (asked("6", "assign", [1], ring_number=4), "north, south, high"),
