@@ -5,7 +5,8 @@ answered again.
 """
 
 from collections import OrderedDict
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
+from math import inf
 from typing import NamedTuple
 
 import msgspec
@@ -18,6 +19,7 @@ from agents.team.messages import (
     MISSION_RING,
     TOPICS,
     CommandAnswer,
+    CommandedRing,
     CommandKey,
     OperatorCommand,
     Outcome,
@@ -35,6 +37,7 @@ _WHY_NOT = {
     Tactic.LAND: "it is landing",
     Tactic.PILOT_OVERRIDE: "cordon has handed it over: resume takes it back, kill cuts its motors",
 }
+_CHOOSES_NO_RING = (Tactic.STANDBY, Tactic.ASIDE, Tactic.HOLD, Tactic.PILOT_OVERRIDE)
 AGE_MAX_S, AHEAD_MAX_S = TOPICS[OperatorCommand].age_max_s, 1.0
 _DISARMED = "it has flown and is disarmed: end the flight, then take off again"
 
@@ -78,18 +81,25 @@ class Reshaping(msgspec.Struct, frozen=True, order=True):
 class CommandHandler:
     """The commands that one vehicle has received, its pending abort, and the answers to send."""
 
-    def __init__(self, vehicle_id: int, abort_hover_s: float, shapes: Collection[Shape], notes: Notes) -> None:
+    def __init__(
+        self, vehicle_id: int, abort_hover_s: float, shapes: Collection[Shape], notes: Notes, rings: Sequence[str] = ()
+    ) -> None:
         """Take the vehicle, the time that an abort hovers before it lands, and the shapes that the formation can take.
 
-        The outcome of each command is added to `notes`.
+        `rings` are the names of the mission's rings, none if it has one. The outcome of each command is added to
+        `notes`.
         """
         self._vehicle_id = vehicle_id
         self._hover_s = abort_hover_s
         self._shapes = shapes
         self.reshaping: Reshaping | None = None
         """The newest change of the formation that this vehicle has received."""
-        self.commanded_ring = MISSION_RING
-        """The newest values of the ring that this vehicle has received from operators."""
+        self._rings = rings
+        self.commanded_rings: list[CommandedRing] = [MISSION_RING] * max(len(rings), 1)
+        """The newest values of each ring that this vehicle has received from operators, by the ring's number."""
+        self.assigned: int | None = None
+        """The number of the ring that operators have assigned to this vehicle, None for none."""
+        self._assigned_s = -inf
         self.start_blockers: str | None = None
         """While the vehicle waits on the ground: what forbids its start, empty if nothing does."""
         self.starts = False
@@ -178,9 +188,9 @@ class CommandHandler:
                 return _refused(hindrance), None
             case "abort":
                 return self._abort_or_land(command.origin, tactic, now_s, circumstances)
-            case "formation" | "ring":
-                change = self._reshape if command.verb == "formation" else self._change_ring
-                return change(command, tactic, circumstances), None
+            case "formation" | "ring" | "assign":
+                changes = {"formation": self._reshape, "ring": self._change_ring, "assign": self._assign}
+                return changes[command.verb](command, tactic, circumstances), None
             case _:
                 return self._steer(row, tactic, circumstances)
 
@@ -231,11 +241,42 @@ class CommandHandler:
         values = command.ring
         if values is None or values == RingValues():
             return _refused("the command names no value of the ring")
+        number = command.ring_number or 0
+        if number >= len(self.commanded_rings):
+            return _refused(self._no_ring(number))
         if reason := _over(tactic, circumstances) or circumstances.ring_refused:
             return _refused(reason)
-        self.commanded_ring = self.commanded_ring.commanded(values, command.time_s)
+        self.commanded_rings[number] = self.commanded_rings[number].commanded(values, command.time_s)
+        if self._rings:
+            return _Answer(f"changes the ring '{self._rings[number]}' to {values.text}")
         on_ring = tactic is Tactic.ENCIRCLE and circumstances.follows
         return _Answer(f"{'changes to' if on_ring else 'will fly, once it encircles,'} a ring of {values.text}")
+
+    def _assign(self, command: OperatorCommand, tactic: Tactic, circumstances: Circumstances) -> _Answer:
+        """Assign the vehicle to a ring, or end that; one that is not on its mission goes there once it is."""
+        number = command.ring_number
+        if reason := self._unassignable(command) or _over(tactic, circumstances):
+            return _refused(reason)
+        self.assigned, self._assigned_s = number, command.time_s
+        if number is None:
+            return _Answer("chooses its ring by itself")
+        goes = circumstances.follows and tactic not in _CHOOSES_NO_RING
+        return _Answer(f"{'goes' if goes else 'will go, once on its mission,'} to the ring '{self._rings[number]}'")
+
+    def _unassignable(self, command: OperatorCommand) -> str:
+        """Return why a command assigns nothing, whatever the tactic; empty if it does."""
+        number = command.ring_number
+        if not self._rings:
+            return "the mission has one ring, which every vehicle flies"
+        if command.vehicle is None:
+            return "the command assigns the whole team: assign each vehicle"
+        if number is not None and number >= len(self._rings):
+            return self._no_ring(number)
+        return "a newer command assigns its ring" if command.time_s < self._assigned_s else ""
+
+    def _no_ring(self, number: int) -> str:
+        known = ", ".join(self._rings) or "one without a name"
+        return f"the mission has no ring of number {number} (rings: {known})"
 
     def _steer(self, row: VerbRow, tactic: Tactic, circumstances: Circumstances) -> tuple[_Answer, Event | None]:
         resumes = row.event is Event.RESUME

@@ -72,7 +72,9 @@ from estimation.state import POSITION, Sighting, TargetEstimate, Telemetry, Vect
 _NOTHING_DUE = Outlook()
 _CHOOSES = (Tactic.STANDBY, Tactic.FORMATION, Tactic.ENCIRCLE, Tactic.TRANSIT)
 """The tactics in which a vehicle chooses among several rings."""
-_GOES_ON = ("start", "resume", "formation", "ring")
+_LEAVES = (Tactic.RETURN_AND_LAND, Tactic.LAND, Tactic.PILOT_OVERRIDE)
+"""Those in which others may have its place; in the rest, such as hold, it keeps its bids."""
+_GOES_ON = ("start", "resume", "formation", "ring", "assign")
 """With any other verb an operator takes the decision to resume."""
 
 
@@ -87,7 +89,8 @@ class VehicleCore:
         self._team = Team(ConsistencyCheck(Limits(config.safety, config.failsafe.doubt_m), clocks, POSITION_ALERTS))
         self._inbox = Inbox(config.vehicle_id, config.slots, clocks)
         shapes = config.shapes if config.excitation is None else ()
-        self.commands = CommandHandler(config.vehicle_id, config.safety.abort_hover_s, shapes, self._notes)
+        rings = tuple(each.name for each in config.rings)
+        self.commands = CommandHandler(config.vehicle_id, config.safety.abort_hover_s, shapes, self._notes, rings)
         self._estimator = Estimator(config)
         self._own_sensors = OwnSensors(config)
         self._chooser = RingChooser(config) if len(config.rings) > 1 else None
@@ -169,6 +172,8 @@ class VehicleCore:
         config, place_m = self._config, self._estimator.position_m
         if place_m is None or self._tactic not in _CHOOSES:
             self._wanted, self._broadcast.ring = None, None
+            if self._tactic in _LEAVES:
+                chooser.withdraw(now_s)
             return
         on_ring = self._tactic is not Tactic.FORMATION
         wanted = chooser.choose(config, place_m, self._estimator.targets.estimates, now_s, on_ring=on_ring)
@@ -576,7 +581,10 @@ class VehicleCore:
             self._change(event, cause=LandingCause(verb=command.verb, origin=command.origin))
         if self.commands.reshaping is not None:
             self._reshape(self.commands.reshaping)
-        self._change_ring(command.ring_number or 0, self.commands.commanded_ring)
+        for number, ring in enumerate(self.commands.commanded_rings):
+            self._change_ring(number, ring)
+        if self._chooser is not None:
+            self._chooser.assigned = self.commands.assigned
 
     def _circumstances(self, now_s: float) -> Circumstances:
         status = self._vehicle.status

@@ -130,7 +130,7 @@ def with_reacting_target(mission: Mission, target: ReactingTarget) -> tuple[Miss
 
     Raises InputError, also for a target of the mission that reacts by itself; the reaction raises it during the flight.
     """
-    _require_no_reaction(mission)
+    _require_one_planned_target(mission)
     step_s = 1.0 / mission.mission.rate_hz
     before_m: Pair | None = None
 
@@ -145,7 +145,9 @@ def with_reacting_target(mission: Mission, target: ReactingTarget) -> tuple[Miss
     return mission.replace(target={"source": "external"}), checked
 
 
-def _require_no_reaction(mission: Mission) -> None:
+def _require_one_planned_target(mission: Mission) -> None:
+    if mission.targets:
+        raise InputError([f"target: the mission has {len(mission.targets)} targets: give one with a single [target]"])
     if mission.target.evades is not None:
         raise InputError(["target: the mission's own target reacts ([target.evades]): give a mission without it"])
 
@@ -156,7 +158,7 @@ def with_target_path(mission: Mission, path: TargetPath, duration_s: float) -> M
     The path is stored as straight `legs` of the mission, so that a log of the flight contains it. Raises InputError,
     also for a target above the maximum speed, and for one of the mission that reacts.
     """
-    _require_no_reaction(mission)
+    _require_one_planned_target(mission)
     ticks = max(round(duration_s * mission.mission.rate_hz), 1)
     stride = ceil(ticks / PARTS_MAX)
     step_s = stride / mission.mission.rate_hz

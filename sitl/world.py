@@ -119,7 +119,7 @@ class SensorModel:
 
     A share of its sightings are outliers with an error of `outlier_m` in a random direction. Sightings arrive `delay_s`
     late; the sensor is blind in an interval of mission time. `altitude_m` is the target's, if the sensor measures it;
-    `target` is the name that sightings have.
+    `target` is the name that sightings have. `changes` are times from which on importance and threat are others.
     """
 
     range_m: float
@@ -133,6 +133,12 @@ class SensorModel:
     blind_s: tuple[Pair, ...] = ()
     altitude_m: float | None = None
     target: str | None = None
+    changes: tuple[tuple[float, float, float], ...] = ()
+
+    def value(self, mission_time_s: float) -> Pair:
+        """Return importance and threat at a mission time."""
+        past = [each[1:] for each in self.changes if each[0] <= mission_time_s]
+        return past[-1] if past else (self.importance, self.threat)
 
 
 class SimulatedSensor:
@@ -195,13 +201,14 @@ class SimulatedSensor:
         altitude_m, altitude_sigma_m = None, 1.0
         if model.altitude_m is not None:
             altitude_m, altitude_sigma_m = model.altitude_m + next(self._normals) * model.noise_m, self._sigma_m
+        importance, threat = model.value(mission_s)
         return Sighting(
             now_s,
             self._sensor_id,
             (x + noise_x, y + noise_y),
             (variance, 0.0, variance),
-            model.importance,
-            model.threat,
+            importance,
+            threat,
             altitude_m,
             altitude_sigma_m,
             target=model.target,

@@ -236,6 +236,7 @@ class Auction:
         self._stamp = 0
         self._known: dict[int, _Known] = {}
         self._heard: dict[int, _Heard] = {}
+        self._received: dict[int, bytes] = {}
         self._decided = -1
         self._choice: int | None = None
         self._chosen_s = 0.0
@@ -260,6 +261,8 @@ class Auction:
         """
         if sender not in self._numbers:
             raise ValueError(f"the sender of bids, vehicle {sender}, is not one of the members {self._members}")
+        if self._repeats(sender, payload, time_s):
+            return
         rows = self._unpacked(payload, time_s)
         if not rows or rows[0][0] != sender:
             raise ValueError(f"the bids that vehicle {sender} published do not begin with its own")
@@ -269,13 +272,32 @@ class Auction:
         if not self._is_current(stamp, time_s) or (heard is not None and stamp <= heard.stamp):
             return
         hears = int.from_bytes(payload[: self._head_bytes], "big")
-        self._heard[sender] = _Heard(time_s, stamp, hears)
+        self._heard[sender], self._received[sender] = _Heard(time_s, stamp, hears), payload
         self._learn(sender, rows[0][1])
         for peer, relayed in rows[1:]:
             known = self._known.get(peer)
             is_newer = known is None or relayed.stamp > known.stamp
             if peer not in self._heard and peer != self._id and is_newer and self._is_current(relayed.stamp, time_s):
                 self._learn(peer, relayed)
+
+    def _repeats(self, sender: int, payload: bytes, time_s: float) -> bool:
+        """Take a payload without relayed bids that differs from the sender's last in its stamp alone: most are such."""
+        last, heard, known = self._received.get(sender, b""), self._heard.get(sender), self._known.get(sender)
+        stamp_at = self._head_bytes + 1
+        if (
+            heard is None
+            or known is None
+            or len(payload) != len(last)
+            or len(last) != self._head_bytes + self._row.size
+        ):
+            return False
+        if payload[:stamp_at] != last[:stamp_at] or payload[stamp_at + 2 :] != last[stamp_at + 2 :]:
+            return False
+        stamp = _nearest(int.from_bytes(payload[stamp_at : stamp_at + 2], "big"), _units(time_s))
+        if stamp > heard.stamp and self._is_current(stamp, time_s):
+            self._heard[sender] = _Heard(time_s, stamp, heard.hears)
+            self._known[sender] = _Known(stamp, known.bids)
+        return True
 
     def step(self, scores: Mapping[int, float], time_s: float) -> int | None:
         """Return the ring to fly on, None for none, given the own scores for the rings that are eligible now.
@@ -347,9 +369,13 @@ class Auction:
                 raise ValueError(f"bids of member number {number}: there is none, or they are repeated")
             if held > len(self._places):
                 raise ValueError(f"vehicle {peer} holds ring {held - 1} of {len(self._places)}")
-            ago = (now - stamp + _WRAP // 2) % _WRAP - _WRAP // 2
-            rows[peer] = _Known(now - ago, Bids(None if held == 0 else held - 1, levels))
+            rows[peer] = _Known(_nearest(stamp, now), Bids(None if held == 0 else held - 1, levels))
         return list(rows.items())
+
+
+def _nearest(stamp: int, now: int) -> int:
+    """Return the time nearest to now of a stamp as it was sent."""
+    return now - ((now - stamp + _WRAP // 2) % _WRAP - _WRAP // 2)
 
 
 def _units(time_s: float) -> int:

@@ -66,6 +66,10 @@ class RingChooser:
             return False
         return True
 
+    def withdraw(self, now_s: float) -> None:
+        """Bid for no ring any more, once a tick: others may have the vehicle's place."""
+        self._won = self._auction.step({}, now_s)
+
     def choose(
         self,
         config: AgentConfig,

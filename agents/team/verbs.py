@@ -10,7 +10,7 @@ from typing import Literal
 
 from agents.tactics import Event, Tactic
 
-CommandVerb = Literal["hold", "resume", "land", "rtl", "abort", "kill", "formation", "ring"]
+CommandVerb = Literal["hold", "resume", "land", "rtl", "abort", "kill", "formation", "ring", "assign"]
 """The verbs of `cordon command`."""
 Verb = Literal["start", CommandVerb]
 Confirmation = Literal["none", "at once", "pilots", "all", "word"]
@@ -30,7 +30,8 @@ class VerbRow:
     the tactic, None if it has another effect. `did` answers it, and `already` in tactics that its event does not
     change. `done` is a second answer, after `did`, once the effect is confirmed. A verb that `needs_mission` depends on
     the mission file's content, which must be the team's. One that `is_dangerous` has to be granted by name. What a verb
-    `takes` is its argument; it commands the whole team.
+    `takes` is its argument. One that takes a shape or a ring `is_for_team`; "assign" takes the name of a ring, or
+    `auto`, for single vehicles of a mission of several rings.
     """
 
     name: Verb
@@ -46,7 +47,12 @@ class VerbRow:
     help: str = ""
     needs_mission: bool = False
     is_dangerous: bool = False
-    takes: Literal["", "shape", "ring"] = ""
+    takes: Literal["", "shape", "ring", "assign"] = ""
+
+    @property
+    def is_for_team(self) -> bool:
+        """Whether it commands the whole team, never some of its vehicles."""
+        return self.takes in ("shape", "ring")
 
     @property
     def acts_late(self) -> bool:
@@ -65,6 +71,7 @@ _RETURNS = {Tactic.RETURN_AND_LAND: "was returning to land already"}
 _ABORTS = "hover at once, land after `safety.abort_hover_s` unless resumed, or at a second abort"
 _RESHAPES = "change the shape of the formation"
 _RESIZES = "change radius, rate (clockwise if negative), altitude and tilt"
+_ASSIGNS = "send a vehicle to one of several rings, or let it choose (auto)"
 _CUT, _FALL = "cut the motors of", "cut the motors; the vehicles fall"
 _ROWS = (
     VerbRow("start", "start", did="takes off", needs_mission=True),
@@ -74,10 +81,11 @@ _ROWS = (
     VerbRow("rtl", "return", "t", 3, "all", Event.RETURN, "returns and lands", _RETURNS, does="return and land"),
     VerbRow("abort", "abort", "a", 5, "at once", help=_ABORTS),
     VerbRow(
-        "kill", "kill", "k", 7, "word", Event.LAND, "cuts the motors", {}, "motors cut", _CUT, _FALL, is_dangerous=True
+        "kill", "kill", "k", 8, "word", Event.LAND, "cuts the motors", {}, "motors cut", _CUT, _FALL, is_dangerous=True
     ),
     VerbRow("formation", "change formation", help=_RESHAPES, needs_mission=True, takes="shape"),
     VerbRow("ring", "change ring", button=6, help=_RESIZES, needs_mission=True, takes="ring"),
+    VerbRow("assign", "assign ring", button=7, help=_ASSIGNS, needs_mission=True, takes="assign"),
 )
 VERBS: Mapping[Verb, VerbRow] = {row.name: row for row in _ROWS}
 """The verbs by their names, in the order of lists."""

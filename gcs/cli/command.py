@@ -40,7 +40,13 @@ _DEFAULTS = CommandOptions()
 def command(
     verb: CommandVerb,
     /,
-    *arguments: Annotated[str, Parameter(help="formation: the shape; ring: the values to change.")],
+    *arguments: Annotated[
+        str,
+        Parameter(
+            help="formation: the shape; ring: the values to change, with several rings after its name; "
+            "assign: the vehicle, and its ring's name or auto."
+        ),
+    ],
     options: CommandOptions = _DEFAULTS,
 ) -> Exit:
     """Command a running team: {labels}. Shows each vehicle's answer.
@@ -55,17 +61,22 @@ def command(
     from gcs.console.command_client import CommandClient
     from gcs.console.terminal import print_problem
 
-    mission, vehicle = bus_mission(options.mission, options.changes), options.vehicle
-    vehicles = mission.ids if vehicle is None else (chosen_vehicle(mission, vehicle, "--vehicle").id,)
-    argument = _argument(mission, verb, arguments, vehicle)
-    ring_faults = _ring_faults(mission, argument)
+    mission = bus_mission(options.mission, options.changes)
+    if options.vehicle is not None:
+        chosen_vehicle(mission, options.vehicle, "--vehicle")
+    given = _given(mission, verb, arguments, options.vehicle)
+    vehicles = mission.ids if given.vehicle is None else (given.vehicle,)
+    ring_faults = _ring_faults(mission, given)
     row = VERBS[verb]
     if row.confirmation == "word" and not options.yes and not confirmed(_question(row, vehicles, mission)):
         print_problem("not confirmed: no command was sent")
         return Exit.REFUSED
     try:
         operator = CommandClient(mission, granted_operator(mission, verb, options.key))
-        answers = asyncio.run(operator.command(verb, vehicles, vehicle, argument, ring_faults=ring_faults))
+        sent = operator.command(
+            verb, vehicles, given.vehicle, given.argument, ring_faults=ring_faults, ring_number=given.ring_number
+        )
+        answers = asyncio.run(sent)
     except VehicleRefusedError as refusal:
         if faults := ring_faults(MISSION_RING):  # no team has sent the ring that it flies
             raise InputError(faults) from refusal
@@ -118,16 +129,32 @@ def _show(
     )
 
 
-def _argument(mission: "Mission", verb: Verb, given: Sequence[str], vehicle: int | None) -> "Shape | RingValues | None":
-    """Return the argument of a verb for the whole team, None of any other; raises InputError."""
+@dataclass(frozen=True, slots=True)
+class _Given:
+    """The arguments of a verb: a shape or the values of a ring, the number of a ring, the only vehicle (None: all)."""
+
+    argument: "Shape | RingValues | None" = None
+    ring_number: int | None = None
+    vehicle: int | None = None
+
+
+def _given(mission: "Mission", verb: Verb, arguments: Sequence[str], vehicle: int | None) -> _Given:
+    """Return the arguments of a verb and the vehicle of `--vehicle`; raises InputError."""
     takes = VERBS[verb].takes
-    if not takes:
-        if given:
-            raise InputError([f"{' '.join(given)}: {verb} has no argument"])
-        return None
-    if vehicle is not None:
-        raise InputError([f"--vehicle: {verb} commands the whole team: leave this option out (given: {vehicle})"])
-    return _shape(mission, given) if takes == "shape" else _ring_values(given)
+    if takes and vehicle is not None:
+        whom = "names its vehicle itself" if takes == "assign" else "commands the whole team"
+        raise InputError([f"--vehicle: {verb} {whom}: leave this option out (given: {vehicle})"])
+    match takes:
+        case "shape":
+            return _Given(_shape(mission, arguments))
+        case "ring":
+            number, values = _named_ring(mission, arguments)
+            return _Given(_ring_values(values, is_only=number is None), number)
+        case "assign":
+            return _assignment(mission, arguments)
+    if arguments:
+        raise InputError([f"{' '.join(arguments)}: {verb} has no argument"])
+    return _Given(vehicle=vehicle)
 
 
 def _shape(mission: "Mission", given: Sequence[str]) -> "Shape":
@@ -148,33 +175,74 @@ _RING_KEYS = {"radius": "radius_m", "rate": "angular_rate_rad_s", "altitude": "a
 _RING_FORM = "radius=METRES, rate=RAD_S, altitude=METRES, tilt=DEGREES, or some of them, as in radius=15 rate=-0.1"
 
 
-def _ring_values(given: Sequence[str]) -> "RingValues":
+_AUTO = "auto"
+
+
+def _named_ring(mission: "Mission", given: Sequence[str]) -> tuple[int | None, Sequence[str]]:
+    """Return the number of the ring that is named first, and the rest; None with one ring, which has no name."""
+    if not mission.rings:
+        return None, given
+    if not given or "=" in given[0]:
+        raise InputError(
+            [f"ring: name the ring first, as in ring {mission.rings[0].name} radius=15 ({_rings(mission)})"]
+        )
+    return _ring_number(mission, given[0]), given[1:]
+
+
+def _ring_number(mission: "Mission", name: str) -> int:
+    """Return the number of the ring of a name; raises InputError."""
+    from difflib import get_close_matches
+
+    names = [each.name for each in mission.rings]
+    if name in names:
+        return names.index(name)
+    near = get_close_matches(name, names, n=1)
+    hint = f"did you mean '{near[0]}'? " if near else ""
+    raise InputError([f"{name}: the mission has no ring of this name ({hint}{_rings(mission)})"])
+
+
+def _rings(mission: "Mission") -> str:
+    return f"rings: {', '.join(each.name for each in mission.rings)}"
+
+
+def _assignment(mission: "Mission", given: Sequence[str]) -> _Given:
+    if not mission.rings:
+        raise InputError([f"assign: {mission.mission.name} has one ring, and every vehicle flies it"])
+    if len(given) != 2 or not given[0].isdecimal():
+        form = f"assign VEHICLE RING, as in assign {mission.ids[0]} {mission.rings[0].name}, or assign VEHICLE {_AUTO}"
+        raise InputError([f"assign: give {form} (given: {' '.join(given) or 'nothing'}; {_rings(mission)})"])
+    vehicle = chosen_vehicle(mission, int(given[0]), "assign").id
+    return _Given(ring_number=None if given[1] == _AUTO else _ring_number(mission, given[1]), vehicle=vehicle)
+
+
+def _ring_values(given: Sequence[str], *, is_only: bool) -> "RingValues":
     from agents.team.messages import RingValues
 
     values = dict[str, float]()
     for each in given:
-        name, _, text = each.partition("=")
+        name, equals, text = each.partition("=")
         try:
             value = float(text)
         except ValueError:
             value = nan
         if name not in _RING_KEYS or not isfinite(value) or _RING_KEYS[name] in values:
-            raise InputError([f"{each}: give {_RING_FORM}"])
+            unnamed = "; the mission has one ring, without a name" if is_only and not equals else ""
+            raise InputError([f"{each}: give {_RING_FORM}{unnamed}"])
         values[_RING_KEYS[name]] = value
     if not values:
         raise InputError([f"ring: give {_RING_FORM}"])
     return RingValues(**values)
 
 
-def _ring_faults(mission: "Mission", argument: "Shape | RingValues | None") -> "RingFaults":
+def _ring_faults(mission: "Mission", given: _Given) -> "RingFaults":
     """Return what checks a command of the ring; no other command waits for its import."""
     from agents.team.messages import RingValues
 
-    if not isinstance(argument, RingValues):
+    if not isinstance(given.argument, RingValues):
         return lambda _flown: ()
-    from gcs.preflight.mission import ring_change_faults
+    from gcs.console.ring_change import ring_faults
 
-    return partial(ring_change_faults, mission, argument)
+    return partial(ring_faults, mission, given.ring_number or 0, given.argument)
 
 
 def _question(row: VerbRow, vehicles: Sequence[int], mission: "Mission") -> str:

@@ -1,5 +1,6 @@
 """`cordon missions`: the bundled missions."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -21,6 +22,12 @@ class MissionsOptions:
 
 
 _DEFAULTS = MissionsOptions()
+_FORMS: tuple[Callable[[float], str], ...] = (
+    "{:g} m".format,
+    "{:g} rad/s".format,
+    lambda speed_m_s: f"{speed_m_s:g} m/s" if speed_m_s else "at rest",
+)
+"""Of a ring's radius, its rate and its target's speed."""
 
 
 def missions(*, options: MissionsOptions = _DEFAULTS) -> Exit:
@@ -38,16 +45,23 @@ def missions(*, options: MissionsOptions = _DEFAULTS) -> Exit:
 
 
 def _facts(mission: "Mission") -> dict[str, object]:
-    """Return a mission's entry in the list, by the keys of the JSON."""
+    """Return a mission's entry in the list, by the keys of the JSON; the ring is the first of several."""
     return {
         "mission": mission.mission.name,
         "vehicles": len(mission.vehicles),
         "shape": mission.agent_config(mission.vehicles[0]).shape,
+        **_ring(mission),
+        "duration_s": mission.mission.duration_s,
+        "description": mission.mission.description,
+    }
+
+
+def _ring(mission: "Mission") -> dict[str, float]:
+    """Return the first ring of a mission, and how fast its target is."""
+    return {
         "radius_m": mission.encirclement.radius_m,
         "angular_rate_rad_s": mission.encirclement.angular_rate_rad_s,
         "target_speed_m_s": mission.target.speed_max_m_s,
-        "duration_s": mission.mission.duration_s,
-        "description": mission.mission.description,
     }
 
 
@@ -55,10 +69,13 @@ def _table(known: "list[Mission]") -> str:
     """Return a line for each mission, its columns aligned."""
     rows = [("mission", "vehicles", "shape", "radius", "rate", "target", "duration", "what happens")]
     for mission in known:
-        name, count, shape, radius_m, rate_rad_s, speed_m_s, duration_s, description = _facts(mission).values()
-        target = f"{speed_m_s:g} m/s" if speed_m_s else "at rest"
-        row = f"{name}", f"{count}", f"{shape}", f"{radius_m:g} m", f"{rate_rad_s:g} rad/s", target, f"{duration_s:g} s"
-        rows.append((*row, f"{description}"))
+        facts = _facts(mission)
+        rings = list(zip(*(_ring(each).values() for each in mission.alone), strict=True))
+        radius, rate, target = (
+            ", ".join(dict.fromkeys(map(form, values))) for form, values in zip(_FORMS, rings, strict=True)
+        )
+        row = f"{facts['mission']}", f"{facts['vehicles']}", f"{facts['shape']}", radius, rate, target
+        rows.append((*row, f"{facts['duration_s']:g} s", f"{facts['description']}"))
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
     lines = ("  ".join(map(str.ljust, row, widths)).rstrip() for row in rows)
     return "\n".join(lines)

@@ -36,6 +36,7 @@ class TargetOptions:
             validator=Number(gte=-1e4, lte=1e5),
         ),
     ] = None
+    target: Annotated[str | None, Parameter(help="Name of the target, if the mission has several.")] = None
     importance: Annotated[Share, Parameter(help="Importance of the target, 0 to 1.")] = 0.8
     threat: Annotated[Share, Parameter(help="Threat of the target, 0 to 1.")] = 0.2
     lasting: Annotated[
@@ -102,6 +103,7 @@ def _sighting(position: tuple[float, ...], options: TargetOptions) -> "ExternalS
         options.threat,
         altitude_m=options.altitude,
         altitude_sigma_m=options.sigma,
+        target=options.target,
     )
 
 
@@ -114,7 +116,8 @@ def _publish(sighting: "ExternalSighting", mission: "Mission", options: TargetOp
     from gcs.keys.team_keys import team_keys
 
     try:
-        Perception(mission.mission_frame(), lambda _: None).read(encode_sighting(sighting), now_s=0.0, time_scale=1.0)
+        perception = Perception(mission.mission_frame(), lambda _: None, [each.name for each in mission.targets])
+        perception.read(encode_sighting(sighting), now_s=0.0, time_scale=1.0)
     except SightingRefusedError as refused:
         raise InputError([f"target: {refused}"]) from refused
     try:

@@ -29,10 +29,10 @@ from agents.team.messages import (
     RingValues,
     StartProposal,
     VehicleReport,
-    newest_ring,
 )
 from agents.team.perception import TOPIC, ExternalSighting, encode_sighting
 from agents.team.verbs import VERBS, Verb
+from gcs.console.rings import CommandedRings, commanded_rings, newest_commanded
 from gcs.console.team_bus import guest_bus, send_command
 from gcs.console.team_state import TeamMissions
 from gcs.errors import InputError
@@ -127,7 +127,7 @@ class CommandClient:
         self._sent: dict[CommandKey, _Sent] = {}
         self._is_open = False
         self._first_message_s: float | None = None
-        self._rings: dict[int, CommandedRing | None] = {}
+        self._rings: dict[int, CommandedRings] = {}
         self.tactics: dict[int, str] = {}
         """The latest tactic received from each vehicle."""
         self.ended: dict[int, str] = {}
@@ -156,11 +156,13 @@ class CommandClient:
         on_answer: OnAnswer = lambda _vehicle, _answer: None,
         number: int | None = None,
         ring_faults: RingFaults = lambda _flown: (),
+        ring_number: int | None = None,
     ) -> dict[int, CommandResult | None]:
         """Send a command to one vehicle, or to all (None); return each vehicle's answer, None after a timeout.
 
         Of all, those whose flight has ended are not waited for, and not in the result. `number` is that of a command
         that vehicles have received elsewhere already, None of a new one. `ring_faults` checks a command of the ring.
+        In a mission of several rings `ring_number` is that of the ring that is changed or assigned; None assigns none.
 
         Raises VehicleRefusedError if no vehicle of the team is on the bus, or the team flies another mission;
         InputError if the ring has faults.
@@ -169,14 +171,16 @@ class CommandClient:
             if VERBS[verb].needs_mission:
                 await self._wait_for_team(vehicles, verb)
                 if isinstance(argument, RingValues):
-                    await self._require_ring(vehicles, ring_faults)
+                    await self._require_ring(vehicles, ring_faults, ring_number)
             else:
                 await self._until(lambda: self._missions.is_same or self._missions.is_other, _MISSION_TIMEOUT_S)
                 self._missions.refuse_other()
             number = randrange(2**32) if number is None else number
             ring = argument if isinstance(argument, RingValues) else None
             shape = None if isinstance(argument, RingValues) else argument
-            command = OperatorCommand(0.0, verb, vehicle, self._identity.participant.name, number, shape, ring=ring)
+            command = OperatorCommand(
+                0.0, verb, vehicle, self._identity.participant.name, number, shape, ring=ring, ring_number=ring_number
+            )
             sent = self._sent[command.key] = _Sent(monotonic(), on_answer)
             try:
                 await self._repeat(command, sent, vehicles)
@@ -248,10 +252,10 @@ class CommandClient:
         rest_s = first_s + _ALL_RECEIVED_TIMEOUT_S - monotonic()
         await self._until(lambda: self._clocks.members >= set(vehicles), rest_s)
 
-    async def _require_ring(self, vehicles: Collection[int], ring_faults: RingFaults) -> None:
+    async def _require_ring(self, vehicles: Collection[int], ring_faults: RingFaults, ring_number: int | None) -> None:
         """Raise InputError if a command has faults where the team flies the ring that was commanded last."""
         await self._until(lambda: self._rings.keys() >= {*vehicles} - self.ended.keys(), _ALL_RECEIVED_TIMEOUT_S)
-        if faults := await asyncio.to_thread(ring_faults, self.commanded_ring):
+        if faults := await asyncio.to_thread(ring_faults, self.commanded_ring(ring_number)):
             raise InputError(faults)
 
     def _require_any(self) -> float:
@@ -263,10 +267,13 @@ class CommandClient:
             )
         return self._first_message_s
 
-    @property
-    def commanded_ring(self) -> CommandedRing:
-        """The values of the ring that the team's states have as commanded last, by any operator."""
-        return newest_ring(ring for vehicle, ring in self._rings.items() if vehicle not in self.ended)
+    def commanded_ring(self, ring_number: int | None = None) -> CommandedRing:
+        """Return the values of a ring that the team's states have as commanded last, by any operator.
+
+        A mission of one ring needs no number.
+        """
+        flying = (rings for vehicle, rings in self._rings.items() if vehicle not in self.ended)
+        return newest_commanded(flying, ring_number or 0)
 
     @property
     def difference(self) -> str:
@@ -291,7 +298,7 @@ class CommandClient:
             self._clocks.receive(message.sender, message.time_s, monotonic())
         if isinstance(message, MemberState):
             self.tactics[message.sender] = message.tactic
-            self._rings[message.sender] = message.ring
+            self._rings[message.sender] = commanded_rings(message)
             self._note_first_message()
         if isinstance(message, VehicleReport):
             self.ended.pop(message.sender, None)

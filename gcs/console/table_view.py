@@ -26,6 +26,8 @@ WIDE = 110
 """Terminals with at least this many columns show all columns without abbreviations."""
 SHORT_TACTICS = {Tactic.RETURN_AND_LAND.value: "return", Tactic.PILOT_OVERRIDE.value: "PILOT"}
 UNKNOWN_TACTIC = "-"
+RING_CHARACTERS = 6
+"""The length of a ring's name where the table is not wide: with "on" as long as the longest tactic there."""
 MISSING = "MISSING"
 """Stands for the tactic of a vehicle that is unaccounted for."""
 TACTIC_STYLES = {
@@ -188,11 +190,23 @@ def vehicle_cell(row: TeamRow, closed: bool) -> Text:
 
 
 def tactic_cell(row: TeamRow, wide: bool) -> Text:
-    """Return a vehicle's tactic, abbreviated where the table is not wide."""
+    """Return a vehicle's tactic, and its ring if there are several, abbreviated where the table is not wide."""
     if row.is_unaccounted:
         return Text(MISSING, style=STYLES["alarm"])
-    words = row.tactic if wide else SHORT_TACTICS.get(row.tactic, row.tactic)
+    words = _on_ring(row.tactic, row.ring, wide) if row.ring else row.tactic if wide else _short(row.tactic)
     return Text(words or UNKNOWN_TACTIC, style=TACTIC_STYLES.get(row.tactic, ""))
+
+
+def _short(tactic: str) -> str:
+    return SHORT_TACTICS.get(tactic, tactic)
+
+
+def _on_ring(tactic: str, ring: str, wide: bool) -> str:
+    """Return the tactic and the ring of a vehicle that is on a ring or flies to one: "encircle north", "on north"."""
+    if wide:
+        return f"{tactic} {ring}"
+    name = ring if len(ring) <= RING_CHARACTERS else f"{ring[: RING_CHARACTERS - 1]}…"
+    return f"{'on' if tactic == Tactic.ENCIRCLE.value else 'to'} {name}"
 
 
 def motion_cells(row: TeamRow, separation_m: float, wide: bool) -> Iterator[Text]:
@@ -222,7 +236,10 @@ def plain_row(row: TeamRow, tactic: str, also: str, numbers: Iterable[PlainNumbe
     """Return a vehicle as plain text, without the numbers that are unknown."""
     known = [f"{name}={value:{form}}{unit}" for name, value, form, unit in numbers if value is not None]
     return " ".join(
-        filter(None, [f"#{row.vehicle_id}", tactic, also, *known, _cause(row), row.due, row.guard, row.note])
+        filter(
+            None,
+            [f"#{row.vehicle_id}", tactic, row.ring or "", also, *known, _cause(row), row.due, row.guard, row.note],
+        )
     )
 
 

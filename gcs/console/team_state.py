@@ -22,6 +22,7 @@ from agents.team.messages import (
 from agents.team.verbs import VERBS
 from estimation.frames import MissionFrame
 from gcs.console.advice import Severity, severity
+from gcs.console.rings import ring_text
 from gcs.console.vehicle_view import (
     TeamRow,
     may_fly,
@@ -135,12 +136,13 @@ class TeamState:
     """The state of a team from its bus messages, and the events since the last call of `new_events`.
 
     `fences` are those of the vehicles that have one. `frame` is the mission's: positions of vehicles that are
-    unaccounted for are shown in degrees.
+    unaccounted for are shown in degrees. `rings` are the names of the mission's rings, none if it has one.
     """
 
     vehicle_ids: Sequence[int]
     fences: Mapping[int, Fence] = field(default_factory=dict)
     frame: MissionFrame = field(default_factory=lambda: MissionFrame(None))
+    rings: Sequence[str] = ()
     _reports: dict[int, tuple[VehicleReport, float]] = field(default_factory=dict)
     _latest: dict[int, _LatestMessages] = field(default_factory=dict)
     _known: OrderedDict[tuple[object, ...], None] = field(default_factory=OrderedDict)
@@ -224,7 +226,7 @@ class TeamState:
         if isinstance(message, OperatorCommand):
             key: tuple[object, ...] = (message.key,)
             receiver = "all vehicles" if message.vehicle is None else f"vehicle {message.vehicle}"
-            text = f"command from {message.origin} to {receiver}: {message.verb}"
+            text = f"command from {message.origin} to {receiver}: {self._command_text(message)}"
             event = TeamEvent(None, text, "warning" if VERBS[message.verb].is_dangerous else "information")
         else:
             key = (message.key, message.sender, message.did)
@@ -236,6 +238,13 @@ class TeamState:
             self._events.append(event)
             if len(self._known) > COMMANDS_KEPT:
                 self._known.popitem(last=False)
+
+    def _command_text(self, command: OperatorCommand) -> str:
+        """Return the verb, in missions of several rings with the ring that is changed or assigned."""
+        ring = ring_text(command.ring_number, self.rings)
+        if command.verb == "assign" and self.rings:
+            ring = ring or "auto"
+        return f"{command.verb} {ring}" if ring else command.verb
 
     def _row(self, vehicle_id: int, now_s: float, places_m: Mapping[int, Place], *, is_over: bool) -> TeamRow:
         latest = self._latest.get(vehicle_id)
@@ -249,7 +258,7 @@ class TeamState:
         silent = f"no messages for {age_s:.0f} s, last tactic {state.tactic}" if is_stale and not ending else ""
         dropped = f"messages dropped: {state.drops.text()}" if state.drops.total else ""
         note = ", ".join(filter(None, [silent, dropped]))
-        row = with_state(TeamRow(vehicle_id, age_s=age_s, is_stale=is_stale, note=note), state)
+        row = with_state(TeamRow(vehicle_id, age_s=age_s, is_stale=is_stale, note=note), state, self.rings)
         report = self._reports[vehicle_id][0] if vehicle_id in self._reports else None
         if report is not None:
             row = with_outlook(row, report.outlook, state.time_s + age_s)

@@ -1,6 +1,6 @@
 """A vehicle as an onlooker sees it: the one type that the terminals' tables and the operator's page show."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from math import ceil, hypot
 from typing import TypeVar
 
@@ -13,6 +13,7 @@ from agents.safety.fence import Fence
 from agents.team.messages import RESUMES, AutopilotReport, MemberState, Outlook, VehicleReport
 from estimation.frames import Triple
 from gcs.console.advice import Severity, advice, severity
+from gcs.console.rings import chosen_ring
 from gcs.metrics.ending import SEARCH, UNACCOUNTED, Unaccounted
 from gcs.mission.geometry import nearest_other
 
@@ -42,7 +43,8 @@ class VehicleView(msgspec.Struct, frozen=True):
     `nearest_m` is the horizontal distance to the nearest other flying vehicle, `fence_margin_m` that to the fence
     (negative: outside). `advice` is the operator's action for the alert. `blocks` is the condition that refuses a
     resume, `also` are its other conditions, `guard` is why its aim is bent. `ending` is how its flight ended,
-    empty before. Unknown values are None, or empty.
+    empty before. `ring` is the name of the ring that it is on or flies to; it is unset in a mission of one ring.
+    Unknown values are None, or empty.
     """
 
     vehicle_id: int
@@ -75,6 +77,7 @@ class VehicleView(msgspec.Struct, frozen=True):
     guard: str = ""
     ending: str = ""
     is_unaccounted: bool = False
+    ring: str | msgspec.UnsetType = msgspec.UNSET
 
     @property
     def due(self) -> str:
@@ -116,8 +119,8 @@ class TeamRow(VehicleView, frozen=True):
 ViewT = TypeVar("ViewT", bound=VehicleView)
 
 
-def with_state(view: ViewT, state: MemberState) -> ViewT:
-    """Return a view with what a vehicle's state holds."""
+def with_state(view: ViewT, state: MemberState, rings: Sequence[str] = ()) -> ViewT:
+    """Return a view with what a vehicle's state holds; `rings` are the names of the mission's, none if it has one."""
     angle = state.angle
     return replace(
         view,
@@ -127,6 +130,7 @@ def with_state(view: ViewT, state: MemberState) -> ViewT:
         aim_m=state.aim_m,
         radius_m=None if angle is None else angle.radius_m,
         angular_rate_rad_s=None if angle is None else angle.angular_rate_rad_s,
+        ring=chosen_ring(state, rings) if rings else msgspec.UNSET,
     )
 
 

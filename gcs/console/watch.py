@@ -11,6 +11,7 @@ from rich.table import Table
 from rich.text import Text
 
 from agents.team.messages import BusMessage
+from gcs.console.rings import ring_names
 from gcs.console.table_view import (
     MISSING,
     MOTION_COLUMNS,
@@ -73,7 +74,8 @@ async def watch(mission: Mission, view: WatchView, stop: asyncio.Event) -> None:
     mission.
     """
     limits = fences([vehicle.section for vehicle in mission.vehicles], mission.safety)
-    team, missions = TeamState(mission.ids, limits, mission.mission_frame()), TeamMissions(mission)
+    team = TeamState(mission.ids, limits, mission.mission_frame(), ring_names(mission))
+    missions = TeamMissions(mission)
     began_s = monotonic()
 
     def take(message: BusMessage) -> None:

@@ -34,6 +34,8 @@ def drill_mission(name: str, changes: Sequence[tuple[str, str, object]] = ()) ->
     of the target's reach comes back to it in formation. If the mission forbids that, it is not changed.
     """
     mission = load_mission(name)
+    if mission.rings:
+        raise InputError([f"{name}: drills are flown on one ring, and the mission has {len(mission.rings)}"])
     content = toml_content(mission.text)
     _move_apart(content)
     for section, key, value in changes:

@@ -191,7 +191,6 @@ def _simulated_vehicle(
         return core
 
     simulation = mission.simulation
-    rings = [each.encirclement for each in mission.rings] or [mission.encirclement]
     model = VehicleModel(
         vehicle.true_plant,
         vehicle.section.start_m,
@@ -201,7 +200,7 @@ def _simulated_vehicle(
         disturbance_m_s2=simulation.wind_m_s2,
         imperfections=imperfections,
         absences=absences,
-        climbs=any(each.altitude == "target" or each.has_heights for each in rings),
+        climbs=any(each.encirclement.altitude == "target" or each.encirclement.has_heights for each in mission.alone),
         step=step,
     )
     return SimulatedVehicle(model, started(), target_sensor(mission, vehicle.id, 0.0, seed, target), started)

@@ -18,7 +18,7 @@ _EARLY_SHARE = 0.25
 
 
 class TargetVehicle:
-    """Receives the telemetry of the vehicle that `[target]` names and never commands it; inactive for other sources.
+    """Receives the telemetry of the vehicle that is a target and never commands it; inactive for other sources.
 
     `[target.sensor]` sets the rate and the standard deviation of its sightings. Its messages have to be signed if its
     system id is among the `signing_keys`.
@@ -32,7 +32,7 @@ class TargetVehicle:
         agents: Sequence[Agent],
         signing_keys: Mapping[int, bytes],
     ) -> None:
-        target = mission.target
+        target = next((each for each in mission.every_target if each.source == "mavlink"), mission.target)
         self._link: MavsdkLink | None = None
         if target.source == "mavlink" and target.url is not None and target.system_id is not None:
             frame, origin_m = mission.mission_frame(), (*target.start_m, 0.0)
@@ -41,7 +41,7 @@ class TargetVehicle:
             config = LinkConfig(target.url, target.system_id, frame, pace, origin_m, signing_key=key)
             self._link = MavsdkLink(hub, config, clock)
         self._agents = agents
-        self._take = sightings_of(target, self._see)
+        self._take = sightings_of(target, self._see, target.name if mission.targets and target.sensor.names else None)
 
     async def connect(self) -> None:
         """Find the vehicle; raises VehicleRefusedError."""
@@ -62,8 +62,13 @@ class TargetVehicle:
             await self._link.close()
 
 
-def sightings_of(target: TargetSection, see: Callable[[Sighting], None]) -> Callable[[Telemetry], None]:
-    """Return a callback for the vehicle's telemetry that calls `see` with sightings at the sensor's rate."""
+def sightings_of(
+    target: TargetSection, see: Callable[[Sighting], None], name: str | None = None
+) -> Callable[[Telemetry], None]:
+    """Return a callback for the vehicle's telemetry that calls `see` with sightings at the sensor's rate.
+
+    They have the `name` of their target, None in a mission of one target.
+    """
     sensor = target.sensor
     sigma_m, period_s, due_s = max(sensor.noise_m, 0.1), 1.0 / sensor.rate_hz, 0.0
 
@@ -73,6 +78,7 @@ def sightings_of(target: TargetSection, see: Callable[[Sighting], None]) -> Call
             due_s = telemetry.time_s + period_s
             x, y, altitude_m = telemetry.position_m
             covariance, rated = (sigma_m**2, 0.0, sigma_m**2), (target.importance, target.threat)
-            see(Sighting(telemetry.time_s, TARGET_VEHICLE, (x, y), covariance, *rated, altitude_m, sigma_m))
+            place = (x, y), covariance, *rated, altitude_m, sigma_m
+            see(Sighting(telemetry.time_s, TARGET_VEHICLE, *place, target=name))
 
     return take

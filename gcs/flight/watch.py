@@ -4,6 +4,7 @@ import asyncio
 from collections.abc import Callable, Mapping, Sequence
 from itertools import count
 
+from msgspec import UNSET, UnsetType
 from rich.text import Text
 
 from agents.outputs import CoreStatus
@@ -14,6 +15,7 @@ from agents.team.messages import LINK_SILENT_S
 from estimation.state import Telemetry
 from gcs.console.advice import event_severity
 from gcs.console.live import flight_title
+from gcs.console.rings import flown_ring, ring_names
 from gcs.console.table_view import NO_HINT
 from gcs.console.vehicle_view import TeamRow, with_alert, with_outlook, with_surroundings, with_unaccounted
 from gcs.flight.team import FlightTeam, Member
@@ -41,6 +43,7 @@ class Watch:
         mission = team.plan.mission
         self._fences = fences([vehicle.section for vehicle in mission.vehicles], mission.safety)
         self._frame = mission.mission_frame()
+        self._rings = ring_names(mission)
         self._log_fault = ""
         self._rates = {member.vehicle.section.url: member.link.pace.rates for member in team.members}
         self._links_reported: dict[int, tuple[int, int]] = {}
@@ -145,6 +148,7 @@ class Watch:
             angular_rate_rad_s=None if polar is None else polar.angular_rate_rad_s,
             lead_rad=None if place is None else place.lead_rad,
             ending=ending,
+            ring=_ring(status, self._rings),
             note="" if status is None or ending else _remark(status),
             gps_threat=vehicle.gps_threat.value,
             lag_rad=None if place is None else place.lag_rad,
@@ -160,6 +164,12 @@ class Watch:
         """Return the age of a sample [wall s]."""
         clock = self._team.clock
         return max(clock.now_s() - motion.time_s, 0.0) / clock.time_scale
+
+
+def _ring(status: CoreStatus | None, rings: Sequence[str]) -> str | UnsetType:
+    if not rings:
+        return UNSET
+    return "" if status is None else flown_ring(status.tactic, status.ring, rings)
 
 
 def _places_m(team: FlightTeam) -> dict[int, Place]:

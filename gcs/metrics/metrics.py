@@ -89,7 +89,7 @@ def evaluate(
         ring=ring_result,
         transitions=transitions(record, motion, ring, ring.began_s(changes_s)),
         reynolds=_reynolds(record, window),
-        closest_approach_m=_closest_approach_m(record),
+        closest_approach_m=_closest_approach_m(record, ring.above_m),
         guard_interventions=None if record.guard is None else record.guard.interventions,
         guard_causes={} if record.guard is None else dict(record.guard.causes),
         loop=LoopResult.of(record.loop),
@@ -97,7 +97,7 @@ def evaluate(
         wall_time_s=record.wall_time_s,
         realtime_factor=end_s / record.wall_time_s if record.wall_time_s > 0.0 else None,
         events=record.events,
-        estimate=_estimate_result(record, part, window),
+        estimate=_estimate_result(record, part, window, ring.above_m),
         truth_missing=record.truth_missing or None,
         ended=TeamEnding.of(record.endings),
         engagement=engagement(record, engages, each_engaged_s),
@@ -112,7 +112,9 @@ def evaluate(
     return replace(result, not_judged=not_judged(result))
 
 
-def _estimate_result(record: FlightRecord, part: JudgedPart, window: Mask) -> EstimateResult | None:
+def _estimate_result(
+    record: FlightRecord, part: JudgedPart, window: Mask, above_m: float | None
+) -> EstimateResult | None:
     """Return the ring's figures by estimate in the same window, None where the record has no estimates beside it."""
     if not record.estimates:
         return None
@@ -122,7 +124,7 @@ def _estimate_result(record: FlightRecord, part: JudgedPart, window: Mask) -> Es
     seen = replace(part, began_s=tuple(each for each in began_s if each <= record.time_s[part.samples - 1]))
     vehicles = estimated_vehicles(record, motion, part.ring, window)
     whole = estimated_ring(record.time_s, motion, seen, window)
-    return EstimateResult(vehicles, whole, _closest_approach_m(estimated))
+    return EstimateResult(vehicles, whole, _closest_approach_m(estimated, above_m))
 
 
 def _reynolds(record: FlightRecord, window: Mask) -> ReynoldsResult:
@@ -135,11 +137,19 @@ def _reynolds(record: FlightRecord, window: Mask) -> ReynoldsResult:
     return ReynoldsResult(*(condensed(figures, span) for span in spans))
 
 
-def _closest_approach_m(record: FlightRecord) -> float | None:
-    """Return the smallest horizontal distance of two vehicles, None if no two were measured at one time."""
+def _closest_approach_m(record: FlightRecord, above_m: float | None) -> float | None:
+    """Return the smallest horizontal distance of two vehicles, None if no two were measured at one time.
+
+    With `above_m` two whose heights differ by as much do not count; where heights are not known, none are measured.
+    """
     x, y = (np.array([track.position_m[:, axis] for track in record.vehicles]) for axis in (0, 1))
+    if above_m is not None:
+        unknown_m = np.full(record.time_s.shape, np.nan)
+        z = np.array([unknown_m if each.altitude_m is None else each.altitude_m for each in record.vehicles])
     closest_m = np.inf
     for row in range(len(x) - 1):
         apart_m = np.hypot(x[row + 1 :] - x[row], y[row + 1 :] - y[row])
+        if above_m is not None:
+            apart_m[~(np.abs(z[row + 1 :] - z[row]) < above_m)] = np.nan
         closest_m = min(closest_m, float(np.fmin.reduce(apart_m, axis=None, initial=np.inf)))
     return closest_m if closest_m < np.inf else None

@@ -18,6 +18,8 @@ from gcs.metrics.ending import named
 from gcs.metrics.record import FlightEvent, FlightRecord, Mask, VehicleTrack
 from gcs.mission.mission import Mission, VerdictSection
 
+HEIGHT_SHARE = 0.8
+"""The share of `safety.vertical_separation_m` that the heights of two vehicles differ by while each is on its own."""
 GRACE_S = 30.0
 """A vehicle that did not engage counts as missing if it had at least this time to decide."""
 _MAY_ENGAGE = [each.value for each in (Tactic.FORMATION, Tactic.ASIDE, Tactic.HOLD)]
@@ -129,7 +131,8 @@ class DesiredRing:
 
     It is the last one that was commanded; `earlier` are those before it, in order. The angles between vehicles are in
     proportion to the weights `gaps`. A ring with heights of its own has the vehicles' `heights_m` at its centre, by id,
-    and rises by `rise_m` to its highest point at the bearing `highest_rad`.
+    and rises by `rise_m` to its highest point at the bearing `highest_rad`. Where it is one of several of which some
+    have heights, two vehicles are separated by their heights if these differ by `above_m`.
     """
 
     radius_m: float
@@ -139,6 +142,7 @@ class DesiredRing:
     heights_m: Mapping[int, float] = field(default_factory=dict)
     rise_m: float = 0.0
     highest_rad: float = 0.0
+    above_m: float | None = None
 
     def height_m(self, vehicle_id: int, bearing_rad: Vector) -> Vector:
         """Return the desired height (T,) of a vehicle at its bearings, NaN on a ring without heights of its own."""
@@ -221,7 +225,9 @@ def ring_reference(mission: Mission, events: Iterable[FlightEvent] = ()) -> Desi
             ring, at[event.vehicle] = commanded, len(noted) - 1
     rise_m = ring.radius_m * tan(radians(ring.tilt_deg))
     heights = _heights_m(mission, ring), rise_m, radians(ring.tilt_bearing_deg)
-    return DesiredRing(ring.radius_m, ring.angular_rate_rad_s, mission.gaps, tuple(earlier), *heights)
+    is_stacked = any(each.encirclement.has_heights for each in mission.rings)
+    above_m = HEIGHT_SHARE * mission.safety.vertical_separation_m if is_stacked else None
+    return DesiredRing(ring.radius_m, ring.angular_rate_rad_s, mission.gaps, tuple(earlier), *heights, above_m)
 
 
 def ring_references(mission: Mission, record: FlightRecord) -> tuple[DesiredRing, ...]:

@@ -61,10 +61,12 @@ def _digest(mission: Mission) -> str:
 
 
 def _comparable(target: TargetSection) -> dict[str, Any]:
-    """Return what must be equal of a target, the keys of several targets only where they are used."""
+    """Return what must be equal of a target, later keys only where they are used."""
     keys = target.model_dump(mode="json", exclude={"url"})
     if not target.name:
         keys.pop("name")
+    if not target.changes:
+        keys.pop("changes")
     if target.sensor.names:
         keys["sensor"].pop("names")
     return keys

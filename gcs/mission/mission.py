@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from itertools import pairwise
 from math import radians
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
@@ -119,6 +120,14 @@ Acceleration = Annotated[float, Field(ge=-10.0, le=10.0)]
 Acceleration2 = Annotated[tuple[Acceleration, Acceleration], BeforeValidator(pair)]
 
 
+_Share = Annotated[float, Field(ge=0.0, le=1.0)]
+Changes = Annotated[
+    tuple[tuple[Annotated[float, Field(ge=0.0, le=86400.0)], _Share, _Share], ...],
+    Field(max_length=PARTS_MAX),
+    BeforeValidator(pairs),
+]
+
+
 class MissionSection(Settings):
     """`[mission]`: name, duration and control loop."""
 
@@ -183,7 +192,9 @@ class EvadesSection(Settings):
 
 
 class TargetSection(TargetBehaviour):
-    """`[target]`: the target's motion and value, and how the target filter follows it (docs/target.md)."""
+    """`[target]`: the target's motion and value, and how the target filter follows it (docs/target.md). `[[targets]]`
+    are several, with these keys but the filter's.
+    """
 
     name: str = Field(
         "", max_length=_NAME_MAX, pattern=r"^[A-Za-z0-9_-]*$", description="name, required in `[[targets]]`"
@@ -208,10 +219,15 @@ class TargetSection(TargetBehaviour):
     )
     importance: float = Field(ge=0.0, le=1.0, description="importance, for `[decision]`")
     threat: float = Field(ge=0.0, le=1.0, description="threat, for `[decision]`")
+    changes: Changes = Field(
+        (), description="times, each with the importance and the threat that simulated sensors report from then on"
+    )
     sensor: SensorSection = Field(description="the vehicles' sensor of the target")
 
     @model_validator(mode="after")
     def _is_one_target(self) -> Self:
+        if any(later[0] <= before[0] for before, later in pairwise(self.changes)):
+            raise ValueError("the times of the changes must rise")
         if self.legs and self.velocity_m_s != (0.0, 0.0):
             raise ValueError("a target has either legs or velocity_m_s: leave one of them out")
         if self.evades is not None and (self.legs or self.velocity_m_s != (0.0, 0.0) or self.source != "simulated"):
@@ -468,6 +484,11 @@ class Mission:
         ring = self.rings[number]
         target = self.targets[ring.target] if self.targets else self.target
         return replace(self, target=target, encirclement=ring.encirclement, targets=(), rings=())
+
+    @property
+    def alone(self) -> "tuple[Mission, ...]":
+        """The mission of each ring, itself if it has one."""
+        return tuple(map(self.of_ring, range(max(len(self.rings), 1))))
 
     @property
     def every_target(self) -> tuple[TargetSection, ...]:

@@ -74,14 +74,22 @@ def read_rings(content: _Content, targets: _Targets | None, faults: list[KeyFaul
     entries = _entries(content["rings"], "rings", RINGS_MAX, faults)
     common = _common(content.get("encirclement", {}), "encirclement", EncirclementSection, "", faults)
     sections = _completed(entries, common, ("rings", "encirclement"), RingSection, faults)
-    known = [_only_name(content)] if targets is None else [None if each is None else each.name for each in targets]
+    known = [_only_name(content)] if targets is None else _known_names(targets)
     rings = [_ring(number, section, known, faults) for number, section in enumerate(sections) if section is not None]
     faults += _repeated(_by_number(rings, len(sections)), "rings")
     if rings and len(rings) == len(entries) and targets is not None and all(ring.target is not None for ring in rings):
         for number in sorted({*range(len(targets))} - {ring.target for ring in rings if ring.target is not None}):
+            if known[number] is None:
+                continue
             step = f'add a [[rings]] table with target = "{known[number]}", or leave the target out'
             faults.append(KeyFault(f"targets[{number}]", f"no ring is about this target: {step}"))
     return tuple(rings)
+
+
+def _known_names(targets: _Targets) -> list[str | None]:
+    """Return the names of targets, None for one with faults, which may be that of its name."""
+    names = [(each.name or None) if each is not None else None for each in targets]
+    return [None if name in names[:number] else name for number, name in enumerate(names)]
 
 
 def _only_name(content: _Content) -> str:

@@ -20,15 +20,20 @@ _KEY_OF_A_RING = re.compile(r"(?<![\w.])(encirclement|target)(?=$|\.[a-z])")
 def several_rings(content: Mapping[str, Any], faults: list[KeyFault]) -> "SeveralRings":
     """Return the targets and rings of a file's content, and append the faults of their tables."""
     targets = read_targets(content, faults)
-    return SeveralRings(targets, read_rings(content, targets, faults))
+    rings = read_rings(content, targets, faults)
+    return SeveralRings(targets, rings, rings is not None and len(rings) == len(content["rings"]))
 
 
 @dataclass(frozen=True, slots=True)
 class SeveralRings:
-    """The `[[targets]]` and the valid `[[rings]]` of a mission file, None where it has `[target]`, `[encirclement]`."""
+    """The `[[targets]]` and the valid `[[rings]]` of a mission file, None where it has `[target]`, `[encirclement]`.
+
+    `has_all` is whether all rings are valid.
+    """
 
     targets: tuple[TargetSection | None, ...] | None
     rings: tuple[ReadRing, ...] | None
+    has_all: bool
 
     @property
     def sections(self) -> dict[str, Settings | None]:
@@ -98,7 +103,7 @@ class SeveralRings:
 
     def _enough_places(self, vehicles: int) -> Iterator[KeyFault]:
         places = sum(ring.section.places for ring in self.rings or ())
-        if places < vehicles:
+        if self.has_all and places < vehicles:
             yield KeyFault(
                 "rings",
                 f"they have {places} places in all for {vehicles} vehicles: raise the places of a ring, or add a ring",

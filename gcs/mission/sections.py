@@ -18,12 +18,14 @@ from agents.settings.sections import (
     SafetySettings,
 )
 from agents.settings.tuning import EncirclementTuning, FailsafeTuning, FormationTuning, SafetyTuning
-from estimation.settings import Settings, TargetFilterSettings, TargetFilterTuning
+from agents.team.messages import RINGS_MAX, TARGETS_MAX
+from estimation.settings import Settings, TargetBehaviour, TargetFilterSettings, TargetFilterTuning
 from gcs.mission.mission import (
     FrameSection,
     LinkSection,
     MissionSection,
     NetworkSection,
+    RingSection,
     SharedLinkSection,
     SimulationSection,
     TargetSection,
@@ -86,5 +88,38 @@ def mission_schema() -> dict[str, Any]:
         tuning=(tuning, Field(default_factory=tuning)),
         links=(dict[str, SharedLinkSection], Field(default_factory=dict)),
         vehicles=(list[VehicleSection], Field(min_length=1, max_length=VEHICLES_MAX)),
+        targets=(list[TargetSection], Field(default_factory=list, min_length=1, max_length=TARGETS_MAX)),
+        rings=(list[RingSection], Field(default_factory=list, min_length=1, max_length=RINGS_MAX)),
     )
-    return {"$schema": "https://json-schema.org/draft/2020-12/schema", **mission.model_json_schema()}
+    schema = mission.model_json_schema()
+    return {"$schema": "https://json-schema.org/draft/2020-12/schema", **schema, **_with_tables(schema)}
+
+
+def _with_tables(schema: dict[str, Any]) -> dict[str, Any]:
+    """Return what replaces parts of a schema for `[[targets]]` and `[[rings]]`.
+
+    They are completed from `[target]` and `[encirclement]`, which then need not be complete, nor there at all.
+    """
+    kinds = schema["$defs"]
+    whole = {name: kinds[name].pop("required") for name in ("TargetSection", "SensorSection", "EncirclementSection")}
+    target = kinds["TargetSection"]
+    own = {key: value for key, value in target["properties"].items() if key not in TargetBehaviour.model_fields}
+    kinds["TargetEntry"] = {**target, "title": "TargetEntry", "properties": own, "required": ["name"]}
+    kinds["RingSection"]["required"] = ["places"]
+    tables = schema["properties"]
+    tables["targets"]["items"] = {"$ref": "#/$defs/TargetEntry"}
+    complete = {
+        "target": {
+            "required": whole["TargetSection"],
+            "properties": {"sensor": {"required": whole["SensorSection"]}},
+        },
+        "encirclement": {"required": whole["EncirclementSection"]},
+    }
+    return {
+        "properties": tables,
+        "required": [name for name in schema["required"] if name not in complete],
+        "allOf": [
+            {"if": {"required": [several]}, "else": {"required": [one], "properties": {one: complete[one]}}}
+            for several, one in (("targets", "target"), ("rings", "encirclement"))
+        ],
+    }

@@ -50,6 +50,7 @@ def _sensor_of(
         sensor.blind_s,
         target.altitude_m,
         target.name if sensor.names and mission.targets else None,
+        target.changes,
     )
     return SimulatedSensor(vehicle_id, model, flown or target.motion, start_s, seed, (number,) if number else ())
 

@@ -1,7 +1,9 @@
 """Preflight checks of the mission: whether its ring and line are feasible for these vehicles."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from math import asin, floor, hypot, inf, pi, sqrt
+from types import MappingProxyType
 
 import numpy as np
 from msgspec.structs import asdict
@@ -30,6 +32,7 @@ from gcs.link.rates import (
 from gcs.metrics.references import engagement_reference, formation_path, formation_reference
 from gcs.metrics.ring import SETTLED_RADIUS_FRACTION, SETTLED_SPACING_RAD
 from gcs.mission.mission import Mission, MissionVehicle
+from gcs.mission.rings import of_ring_text
 from gcs.preflight.findings import MISSION, Finding, Grade, VehicleFacts, limited
 
 UNASKED_SHARE = 1.5
@@ -142,18 +145,49 @@ def feasibility(mission: Mission, *, stubs: bool = False) -> Iterator[Finding]:
     """Check the mission against its own limits; excitation flights are planned within them, and stubs need no fence."""
     if mission.excites:
         return
+    yield from _on_each_ring(mission, _ring_gap)
     if len(mission.vehicles) > 1:
-        yield _ring_gap(mission)
         yield _line_gap(mission)
-        yield _settling(mission)
+    yield from _on_each_ring(mission, _settling)
     if not stubs:
         yield _mission_fence(mission)
     yield from encounter(mission)
-    yield _target_speed(mission)
-    yield _ring_acceleration(mission)
+    yield from _on_each_ring(mission, _target_speed)
+    yield from _on_each_ring(mission, _ring_acceleration)
     yield _formation_speed(mission)
     for vehicle in mission.vehicles:
         yield _lead(mission, vehicle)
+
+
+def full_ring(mission: Mission, number: int) -> Mission:
+    """Return the mission of one ring with as many vehicles as it has places: the leader, and those least sure of their
+    positions.
+    """
+    if not mission.rings:
+        return mission
+    least_sure = sorted(
+        mission.vehicles, key=lambda each: (each.id != mission.formation.leader, -_position_error_m(each))
+    )
+    kept = [each.id for each in least_sure[: mission.rings[number].places]]
+    return replace(mission.of_ring(number), vehicles=tuple(each for each in mission.vehicles if each.id in kept))
+
+
+def _on_each_ring(mission: Mission, check: Callable[[Mission], Finding | None]) -> Iterator[Finding]:
+    """Yield the findings of a check for each ring, full of vehicles."""
+    for number in range(max(len(mission.rings), 1)):
+        if (finding := check(full_ring(mission, number))) is not None:
+            yield _of_ring(finding, mission, number)
+
+
+def _of_ring(finding: Finding, mission: Mission, number: int) -> Finding:
+    """Return a finding about the mission of one ring with the name and the keys of that ring, if there are several."""
+    if not mission.rings:
+        return finding
+    ring = mission.rings[number]
+    target = ring.target if mission.targets else None
+    texts = (f"ring {ring.name}: {finding.found}", finding.why, finding.next_step)
+    found, why, next_step = (of_ring_text(text, number, target) for text in texts)
+    return replace(finding, found=found, why=why, next_step=next_step)
 
 
 def commanded_ring_bounds(mission: Mission) -> RingBounds:
@@ -172,19 +206,35 @@ def commanded_ring_bounds(mission: Mission) -> RingBounds:
     )
 
 
-def ring_change_faults(mission: Mission, values: RingValues, flown: CommandedRing = MISSION_RING) -> list[str]:
-    """Return why a team must not be commanded to other values of its ring: the checks that only the mission passes.
+def ring_change_faults(
+    mission: Mission,
+    values: RingValues,
+    flown: CommandedRing = MISSION_RING,
+    ring: int = 0,
+    others: Mapping[int, CommandedRing] = MappingProxyType({}),
+) -> list[str]:
+    """Return why a team must not be commanded to other values of a ring: the checks that only the mission passes.
 
-    A value that the command leaves out is that of the ring which was commanded before, `flown`.
+    A value that the command leaves out is that of the ring which was commanded before, `flown`. `others` are what was
+    commanded of the mission's other rings, by their numbers: the ring must not cut them.
     """
-    wanted = {key: getattr(flown, key) if value is None else value for key, value in asdict(values).items()}
+    section = f"rings[{ring}]" if mission.rings else "encirclement"
+    wanted = {f"rings[{number}]": _given(other, RingValues()) for number, other in others.items()}
+    wanted[section] = _given(flown, values)
     try:
-        changed = mission.replace(encirclement={key: value for key, value in wanted.items() if value is not None})
+        changed = mission.replace(**wanted)
     except InputError as error:
         return list(error.faults)
-    before = {found.check: found.grade for found in feasibility(mission)}
-    worse = (found for found in feasibility(changed) if before.get(found.check) is Grade.PASS is not found.grade)
+    before = {found.check: found.grade for found in feasibility(full_ring(mission, ring))}
+    after = (_of_ring(found, changed, ring) for found in feasibility(full_ring(changed, ring)))
+    worse = (found for found in after if before.get(found.check) is Grade.PASS is not found.grade)
     return [f"{found.check}: {found.found}; {found.why}; next: {found.next_step}" for found in worse]
+
+
+def _given(flown: CommandedRing, values: RingValues) -> dict[str, float]:
+    """Return the values of a commanded ring that are not the mission's, with those of a further command."""
+    wanted = {key: getattr(flown, key) if value is None else value for key, value in asdict(values).items()}
+    return {key: value for key, value in wanted.items() if value is not None}
 
 
 def autopilot_limits(mission: Mission, facts: VehicleFacts) -> Iterator[Finding]:
@@ -199,33 +249,37 @@ def autopilot_limits(mission: Mission, facts: VehicleFacts) -> Iterator[Finding]
 
 
 def ring_speed_m_s(mission: Mission) -> float:
-    """Return the highest ground speed on the ring: along it, and along with the target."""
-    return _along_ring_m_s(mission) + mission.target.speed_max_m_s
+    """Return the highest ground speed on a ring: along it, and along with the target."""
+    return max(_along_ring_m_s(alone) + alone.target.speed_max_m_s for alone in mission.alone)
 
 
 def ring_acceleration_m_s2(mission: Mission) -> float:
-    """Return the centripetal acceleration on the ring, v²/R."""
-    return _along_ring_m_s(mission) ** 2 / mission.encirclement.radius_m
+    """Return the highest centripetal acceleration on a ring, v²/R."""
+    return max(_along_ring_m_s(alone) ** 2 / alone.encirclement.radius_m for alone in mission.alone)
 
 
 def extent_m(mission: Mission, vehicle: MissionVehicle) -> float:
-    """Return a vehicle's largest distance from its start: at the end of its line, on the ring, or in its box."""
+    """Return a vehicle's largest distance from its start: at the end of its line, on a ring, or in its box."""
     x, y = vehicle.section.start_m
     if mission.excites:
         return max(hypot(corner_x - x, corner_y - y) for corner_x, corner_y in mission.safety.fence_m)
     duration_s = mission.mission.duration_s
-    ends = [place for _, place in mission.target.motion.path_m(duration_s, 2)]
-    around = max(hypot(end_x - x, end_y - y) for end_x, end_y in ends) + mission.encirclement.radius_m
-    return max(around, mission.formation.speed_m_s * duration_s)
+    around_m = [
+        hypot(end_x - x, end_y - y) + alone.encirclement.radius_m
+        for alone in mission.alone
+        for _, (end_x, end_y) in alone.target.motion.path_m(duration_s, 2)
+    ]
+    return max(*around_m, mission.formation.speed_m_s * duration_s)
 
 
 def highest_m(mission: Mission, vehicle: MissionVehicle) -> float:
     """Return a vehicle's greatest height: that of its mission, or of a layer at take-off or landing."""
     config = mission.agent_config(vehicle)
     home_m = config.return_altitude_m if mission.choreography.landing == "return" else 0.0
-    ring = mission.encirclement
-    above_target_m = config.safety.altitude_max_m if ring.altitude == "target" else None
-    on_ring_m = config.altitude_m - config.lowest_m + ring.lowest_m(config.lowest_m) + ring.rise_m
+    rings = [alone.encirclement for alone in mission.alone]
+    above_target_m = config.safety.altitude_max_m if any(ring.altitude == "target" for ring in rings) else None
+    lowest_m = max(ring.lowest_m(config.lowest_m) + ring.rise_m for ring in rings)
+    on_ring_m = config.altitude_m - config.lowest_m + lowest_m
     return max(config.altitude_m, config.take_off_altitude_m, home_m, on_ring_m, above_target_m or 0.0)
 
 
@@ -233,8 +287,10 @@ def _along_ring_m_s(mission: Mission) -> float:
     return abs(mission.encirclement.angular_rate_rad_s) * mission.encirclement.radius_m
 
 
-def _ring_gap(mission: Mission) -> Finding:
+def _ring_gap(mission: Mission) -> Finding | None:
     ring, count = mission.encirclement, len(mission.vehicles)
+    if count == 1:
+        return None
     wanted_m = GAP_RESERVE * mission.safety.separation_m + _distance_error_m(mission)
     room = max(1, floor(pi / asin(min(wanted_m / (2.0 * ring.radius_m), 1.0))))
     what = f"{count} vehicles on a ring of {ring.radius_m:g} m, which has room for {room}"
@@ -246,8 +302,10 @@ def _ring_gap(mission: Mission) -> Finding:
     return _gap(mission, "ring spacing", what, chord_m(ring.radius_m, places), step)
 
 
-def _settling(mission: Mission) -> Finding:
+def _settling(mission: Mission) -> Finding | None:
     """Predict how long the ring takes to settle if all vehicles engage together, a target being ahead of the line."""
+    if len(mission.vehicles) == 1:
+        return None
     slots_m = formation_reference(mission).slots_m
     middle_m = sum(y_m for _, y_m in slots_m.values()) / len(slots_m)
     engaged = {}
@@ -304,20 +362,46 @@ def _mission_fence(mission: Mission) -> Finding:
 
 def _distance_error_m(mission: Mission) -> float:
     """Return the error of the distance between the two vehicles with the noisiest positions."""
-    errors_m = sorted(hypot(each.own_filter.position_noise_m, each.own_filter.wander_m) for each in mission.vehicles)
+    errors_m = sorted(map(_position_error_m, mission.vehicles))
     return SIGMAS * hypot(*errors_m[-2:])
 
 
-def encounter(mission: Mission) -> Iterator[Finding]:
-    """Check that every vehicle comes near enough to a simulated target to engage it, and sees it from the ring.
+def _position_error_m(vehicle: MissionVehicle) -> float:
+    return hypot(vehicle.own_filter.position_noise_m, vehicle.own_filter.wander_m)
 
-    A flight for identification has no ring.
+
+def encounter(mission: Mission) -> Iterator[Finding]:
+    """Check that vehicles come near enough to a simulated target to engage it, and see it from the ring.
+
+    With one ring these are all vehicles, with several as many for each as have to fly on it. A flight for
+    identification has no ring.
     """
-    if mission.excites or mission.target.source != "simulated":
-        return
-    yield _sensor_range(mission)
-    if mission.target.has_planned_path:
-        yield from _reach(mission)
+    spare = sum(ring.places for ring in mission.rings) - len(mission.vehicles)
+    for number, alone in enumerate(mission.alone):
+        if mission.excites or alone.target.source != "simulated":
+            continue
+        yield _of_ring(_sensor_range(alone), mission, number)
+        if not alone.target.has_planned_path:
+            continue
+        if mission.rings:
+            needed = max(mission.rings[number].places - spare, 1)
+            yield _of_ring(_enough_reach(list(_reach(alone)), needed), mission, number)
+        else:
+            yield from _reach(alone)
+
+
+def _enough_reach(reach: Sequence[Finding], needed: int) -> Finding:
+    """Return whether so many vehicles come near enough to the target of one of several rings."""
+    near = [str(each.about) for each in reach if each.grade is Grade.PASS]
+    return Finding.graded(
+        Grade.PASS if len(near) >= needed else Grade.WARNING,
+        MISSION,
+        "reach",
+        f"vehicles {', '.join(near) or 'none'} come near enough to its target in formation; {needed} have to, for its "
+        "places",
+        "from their places in formation the others will not engage",
+        f"raise decision.distance_max_m or target.sensor.range_m, or {_NEARER}",
+    )
 
 
 def _sensor_range(mission: Mission) -> Finding:
@@ -415,8 +499,12 @@ def _formation_speed(mission: Mission) -> Finding:
 def _lead(mission: Mission, vehicle: MissionVehicle) -> Finding:
     """Check the setpoint lead that the plant needs: a1/a0 v along, v²/R/a0 inwards."""
     axes = (vehicle.plant.x, vehicle.plant.y)
-    speed_m_s = max(ring_speed_m_s(mission), mission.formation.speed_m_s)
-    lead_m = max(hypot(axis.a1_per_s * speed_m_s, ring_acceleration_m_s2(mission)) / axis.a0_per_s2 for axis in axes)
+    lead_m, speed_m_s = max(
+        (hypot(axis.a1_per_s * speed_m_s, ring_acceleration_m_s2(alone)) / axis.a0_per_s2, speed_m_s)
+        for alone in mission.alone
+        for speed_m_s in (max(ring_speed_m_s(alone), mission.formation.speed_m_s),)
+        for axis in axes
+    )
     limit_m = mission.safety.setpoint_lead_max_m
     return Finding.graded(
         limited(lead_m, limit_m, RESERVE),

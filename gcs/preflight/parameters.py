@@ -308,16 +308,18 @@ def fence_areas(facts: VehicleFacts, mission: Mission, vehicle: MissionVehicle) 
 
 
 def route(mission: Mission, vehicle: MissionVehicle) -> list[Place]:
-    """Return positions [m] of a vehicle in the mission in order of time: its line and the ring, or its box."""
+    """Return positions [m] of a vehicle in the mission in order of time: its line and the rings, or its box."""
     start_x, start_y = vehicle.section.start_m
     if mission.excites:
         return [(start_x, start_y), *mission.safety.fence_m]
-    radius_m, duration_s = mission.encirclement.radius_m, mission.mission.duration_s
+    duration_s = mission.mission.duration_s
     times_s = [duration_s * k / PATH_POINTS for k in range(PATH_POINTS + 1)]
     timed = [(at_s, (start_x + mission.formation.speed_m_s * at_s, start_y)) for at_s in times_s]
-    for at_s, (x, y) in mission.target.motion.path_m(duration_s, PATH_POINTS + 1):
-        angles = (2.0 * pi * k / RING_POINTS for k in range(RING_POINTS))
-        timed += [(at_s, (x + radius_m * cos(angle), y + radius_m * sin(angle))) for angle in angles]
+    for alone in mission.alone:
+        radius_m = alone.encirclement.radius_m
+        for at_s, (x, y) in alone.target.motion.path_m(duration_s, PATH_POINTS + 1):
+            angles = (2.0 * pi * k / RING_POINTS for k in range(RING_POINTS))
+            timed += [(at_s, (x + radius_m * cos(angle), y + radius_m * sin(angle))) for angle in angles]
     return [(start_x, start_y), *(place for _, place in sorted(timed, key=itemgetter(0)))]
 
 

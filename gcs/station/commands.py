@@ -15,11 +15,12 @@ from agents.tactics import Tactic
 from agents.team.messages import RingValues
 from agents.team.verbs import VERBS
 from gcs.console.command_client import CommandClient, CommandResult
+from gcs.console.ring_change import ring_faults
+from gcs.console.rings import ring_names
 from gcs.errors import InputError
 from gcs.keys.identity import Identity
 from gcs.keys.team_keys import team_keys
 from gcs.mission.mission import Mission
-from gcs.preflight.mission import ring_change_faults
 from gcs.station.picture import AnswerPicture, CommandRequest, EventPicture, OperatorRights
 
 NO_ANSWER = "no answer"
@@ -118,10 +119,7 @@ class Commands:
             yield f"operator {self.rights.name} may not command {request.verb} from this page"
         if len(self._under_way) >= UNDER_WAY_MAX:
             yield f"{UNDER_WAY_MAX} commands are in progress: try again"
-        if VERBS[request.verb].takes and request.vehicles is not None:
-            yield f"{request.verb} commands the whole team"
-        if VERBS[request.verb].takes == "ring" and request.ring is None:
-            yield "the request names no value of the ring"
+        yield from self._ring_faults(request)
         if request.vehicles is not None and (not request.vehicles or set(request.vehicles) - set(self._mission.ids)):
             yield f"select vehicles of the mission ({', '.join(map(str, self._mission.ids))})"
         asked = self._mission.ids if request.vehicles is None else request.vehicles
@@ -132,6 +130,20 @@ class Commands:
             yield f"{request.verb} needs the word {request.verb} as confirmation"
         if confirmation == "pilots" and not request.overrides_pilot and (piloted := self._piloted(request)):
             yield f"a pilot flies {_named(piloted)}: confirm to take over"
+
+    def _ring_faults(self, request: CommandRequest) -> Iterator[str]:
+        """Yield why a request does not fit what its verb takes."""
+        names, number, takes = ring_names(self._mission), request.ring_number, VERBS[request.verb].takes
+        if VERBS[request.verb].is_for_team and request.vehicles is not None:
+            yield f"{request.verb} commands the whole team"
+        if takes == "ring" and request.ring is None:
+            yield "the request names no value of the ring"
+        if takes == "assign" and not names:
+            yield "the mission has one ring, and every vehicle flies it"
+        if takes == "assign" and request.vehicles is None:
+            yield "select the vehicles to assign"
+        if (number is not None and number >= len(names)) or (takes == "ring" and names and number is None):
+            yield f"the request names no ring of the mission (rings: {', '.join(names) or 'one, without a name'})"
 
     def _piloted(self, request: CommandRequest) -> list[int]:
         tactics = {} if self._client is None else self._client.tactics
@@ -158,9 +170,9 @@ class Commands:
         def answered(sender: int, result: CommandResult) -> None:
             taken.answer(sender, result.did, is_obeyed=result.obeyed, is_final=result.is_final)
 
-        ring = taken.request.ring
-        faults = partial(ring_change_faults, self._mission, ring or RingValues())
-        results = await client.command(verb, asked, vehicle, ring, answered, ring_faults=faults)
+        ring, number = taken.request.ring, taken.request.ring_number
+        faults = partial(ring_faults, self._mission, number or 0, ring or RingValues())
+        results = await client.command(verb, asked, vehicle, ring, answered, ring_faults=faults, ring_number=number)
         for vehicle_id, result in results.items():
             if result is None or not result.is_final:
                 did = NO_ANSWER if result is None else f"{result.did}: not confirmed"

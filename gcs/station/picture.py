@@ -8,12 +8,15 @@ mission frame: x, y, and the height above the mission's origin.
 from typing import Literal
 
 import msgspec
+from msgspec import UNSET, UnsetType
 
 from agents.ring.commanded_ring import RingBounds
-from agents.team.messages import RingValues
+from agents.settings.sections import EncirclementSettings
+from agents.team.messages import RingNumber, RingValues
 from agents.team.verbs import VERBS, Verb, VerbRow
 from estimation.frames import Triple
 from gcs.console.advice import Severity
+from gcs.console.ring_change import bounds_of_ring
 from gcs.console.vehicle_view import Pair, VehicleView
 from gcs.mission.mission import Mission, MissionVehicle
 from gcs.preflight.mission import commanded_ring_bounds
@@ -53,12 +56,27 @@ class TilesPicture(msgspec.Struct, frozen=True):
     source: str = ""
 
 
+class RingPicture(msgspec.Struct, frozen=True):
+    """One of several rings: its name, colour (#rrggbb), places, and the number of its target among the mission's.
+
+    The rest is as in `MissionPicture`.
+    """
+
+    name: str
+    target: int
+    places: int
+    colour: str
+    ring: RingValues
+    ring_bounds: RingBounds
+
+
 class MissionPicture(_Picture, frozen=True, tag="mission"):
     """The constant part of a flight. `origin_deg` is latitude and longitude, None for a mission in a local frame.
 
     `x_bearing_deg` is the bearing of the x axis, clockwise from north. The ring's altitude is that of its lowest
     vehicle, None if it follows the target's; `ring_bounds` are those of the rings that can be commanded. `tiles` is
-    None without map tiles.
+    None without map tiles. A mission of several rings has them in `rings`, where `ring` and `ring_bounds` are those of
+    the first, and the names of its targets in `targets`; both are missing with one ring.
     """
 
     mission: str
@@ -77,6 +95,8 @@ class MissionPicture(_Picture, frozen=True, tag="mission"):
     operator: OperatorRights = OperatorRights()
     tiles: TilesPicture | None = None
     verbs: tuple[VerbRow, ...] = tuple(VERBS.values())
+    targets: tuple[str, ...] | UnsetType = UNSET
+    rings: tuple[RingPicture, ...] | UnsetType = UNSET
 
 
 class TargetPicture(msgspec.Struct, frozen=True):
@@ -116,6 +136,8 @@ class TeamPicture(_Picture, frozen=True, tag="team"):
     `ending` is how the flight ended, empty before. `link` is the fault of the link to the team, empty without one.
     `remaining_s` is the rest of the mission, None before its start. `lost` is set from the loss of a flight in the air
     until the next messages.
+
+    With several rings `target` and `ring` are None: `targets` and `rings` have those of all, in the mission's order.
     """
 
     time_s: float | None
@@ -128,6 +150,8 @@ class TeamPicture(_Picture, frozen=True, tag="team"):
     remaining_s: float | None = None
     lost: LostPicture | None = None
     ring: RingValues | None = None
+    targets: tuple[TargetPicture | None, ...] | UnsetType = UNSET
+    rings: tuple[RingValues | None, ...] | UnsetType = UNSET
 
 
 class EventPicture(_Picture, frozen=True, tag="event"):
@@ -174,7 +198,8 @@ class CommandRequest(msgspec.Struct, frozen=True, tag_field="kind", tag="command
     """A page's command to these vehicles (None: all). `request` identifies it, so that it is not sent twice.
 
     `confirmation` is the word typed for a kill, `overrides_pilot` whether a vehicle may be taken back
-    from its pilot, `ring` what the verb ring takes.
+    from its pilot, `ring` what the verb ring takes. With several rings `ring_number` is the one that it changes, or
+    that the verb assign sends vehicles to, None to let them choose.
     """
 
     request: str
@@ -183,6 +208,7 @@ class CommandRequest(msgspec.Struct, frozen=True, tag_field="kind", tag="command
     confirmation: str = ""
     overrides_pilot: bool = False
     ring: RingValues | None = None
+    ring_number: RingNumber | None = None
 
 
 class RecoveredRequest(msgspec.Struct, frozen=True, tag_field="kind", tag="recovered", forbid_unknown_fields=True):
@@ -195,9 +221,7 @@ def mission_picture(
     mission: Mission, source: FlightSource, duration_s: float, operator: OperatorRights | None = None
 ) -> MissionPicture:
     """Return a mission as the page shows it, flown for `duration_s`; without an operator the page is read-only."""
-    frame, ring, safety = mission.frame, mission.encirclement, mission.safety
-    lowest_m = min(vehicle.section.altitude_m for vehicle in mission.vehicles)
-    altitude_m = None if ring.altitude == "target" else ring.lowest_m(lowest_m)
+    frame, safety, rings = mission.frame, mission.safety, _rings(mission)
     return MissionPicture(
         mission=mission.mission.name,
         source=source,
@@ -205,15 +229,38 @@ def mission_picture(
         rate_hz=mission.mission.rate_hz,
         origin_deg=origin_deg(mission),
         x_bearing_deg=frame.x_bearing_deg,
-        ring=RingValues(ring.radius_m, ring.angular_rate_rad_s, altitude_m, ring.tilt_deg),
-        ring_bounds=commanded_ring_bounds(mission),
+        ring=rings[0].ring if rings else _ring_values(mission, mission.encirclement),
+        ring_bounds=rings[0].ring_bounds if rings else commanded_ring_bounds(mission),
         separation_m=safety.separation_m,
         keep_out_m=safety.keep_out_m,
         altitude_min_m=safety.altitude_min_m,
         altitude_max_m=safety.altitude_max_m,
         vehicles=tuple(_planned(mission, row, vehicle) for row, vehicle in enumerate(mission.vehicles)),
         operator=operator or OperatorRights(),
+        targets=tuple(each.name for each in mission.every_target) if rings else UNSET,
+        rings=rings or UNSET,
     )
+
+
+def _rings(mission: Mission) -> tuple[RingPicture, ...]:
+    """Return the rings of a mission of several."""
+    return tuple(
+        RingPicture(
+            each.name,
+            each.target,
+            each.places,
+            COLOURS[-1 - number % len(COLOURS)],
+            _ring_values(mission, each.encirclement),
+            bounds_of_ring(mission, number),
+        )
+        for number, each in enumerate(mission.rings)
+    )
+
+
+def _ring_values(mission: Mission, ring: EncirclementSettings) -> RingValues:
+    lowest_m = min(vehicle.section.altitude_m for vehicle in mission.vehicles)
+    altitude_m = None if ring.altitude == "target" else ring.lowest_m(lowest_m)
+    return RingValues(ring.radius_m, ring.angular_rate_rad_s, altitude_m, ring.tilt_deg)
 
 
 def origin_deg(mission: Mission) -> Pair | None:

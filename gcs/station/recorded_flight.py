@@ -5,12 +5,14 @@ from dataclasses import dataclass
 from math import inf
 from operator import itemgetter
 
+from msgspec import UNSET, UnsetType
 from msgspec.structs import replace
 
 from agents.flight_end import FlightEnd
 from agents.inputs import Start
 from agents.safety.fence import Fence
 from agents.team.messages import RingValues
+from gcs.console.rings import ring_names
 from gcs.console.vehicle_view import VehicleView, with_surroundings
 from gcs.flightlog.container import LogError
 from gcs.flightlog.reader import FlightLog
@@ -18,6 +20,7 @@ from gcs.flightlog.records import Decision, VehicleEnd
 from gcs.flightlog.run import mission_of
 from gcs.metrics.ending import TeamEnding, VehicleEnding
 from gcs.mission.geometry import fences
+from gcs.mission.mission import Mission
 from gcs.station.picture import (
     EventPicture,
     FlightPicture,
@@ -90,19 +93,20 @@ def recorded_flight(
     """
     mission, clock = mission_of(logs[0]), _Clock.of(logs, vehicle_pictures, step_max_s)
     duration_s = logs[0].run.duration_s
-    vehicles = [RecordedVehicle(*each) for each in sorted(_recorded(logs), key=lambda each: mission.ids.index(each[1]))]
+    recorded = sorted(_recorded(logs), key=lambda each: mission.ids.index(each[1]))
+    vehicles = [RecordedVehicle(*each, ring_names(mission)) for each in recorded]
     samples = [each.sampled(clock.times_s()) for each in vehicles]
     fence_of = fences([each.section for each in mission.vehicles], mission.safety)
-    seen_target = SeenTarget(mission)
+    seen_targets = [SeenTarget(mission, each) for each in mission.every_target]
     teams = [
-        _team(clock, time_s, mission.ids, row, fence_of, duration_s, seen_target)
+        _team(clock, time_s, mission, row, fence_of, duration_s, seen_targets)
         for time_s, *row in zip(clock.times_s(), *samples, strict=True)
     ]
     teams[-1] = replace(teams[-1], ending=_ending(logs))
     for commanded_s, ring in sorted((ring for each in vehicles for ring in each.rings), key=itemgetter(0)):
         first = sum(time_s < commanded_s for time_s in clock.times_s())
         values = RingValues(ring.radius_m, ring.angular_rate_rad_s, ring.altitude_m, ring.tilt_deg)
-        teams[first:] = [replace(team, ring=values) for team in teams[first:]]
+        teams[first:] = [_with_ring(team, ring.ring, values) for team in teams[first:]]
     planned = mission_picture(mission, "log", duration_s)
     return FlightPicture(planned, tuple(teams), tuple(_events(clock, vehicles)))
 
@@ -110,26 +114,39 @@ def recorded_flight(
 def _team(
     clock: _Clock,
     time_s: float,
-    ids: Sequence[int],
+    mission: Mission,
     sampled: Sequence[Sampled],
     fence_of: Mapping[int, Fence],
     duration_s: float,
-    seen_target: SeenTarget,
+    seen_targets: Sequence[SeenTarget],
 ) -> TeamPicture:
     flying = [each.vehicle for each in sampled if not each.vehicle.has_ended]
     places_m = {each.vehicle_id: each.position_m[:2] for each in flying if each.position_m is not None}
     since_s = clock.mission_s(time_s)
+    rings = mission.rings
     vehicles = {each.vehicle.vehicle_id: _surrounded(each.vehicle, places_m, fence_of) for each in sampled}
+    estimates = [each for each in sampled if not (each.vehicle.has_ended or each.vehicle.is_stale)]
+    targets = tuple(
+        seen.picture(_target([each.target for each in estimates if not rings or rings[each.ring].target == k]), time_s)
+        for k, seen in enumerate(seen_targets)
+    )
     return TeamPicture(
         since_s,
         clock.wall_s(time_s),
-        tuple(vehicles.get(vehicle_id) or VehicleView(vehicle_id) for vehicle_id in ids),
-        seen_target.picture(
-            _target([each.target for each in sampled if not (each.vehicle.has_ended or each.vehicle.is_stale)]), time_s
-        ),
+        tuple(vehicles.get(vehicle_id) or VehicleView(vehicle_id) for vehicle_id in mission.ids),
+        None if rings else targets[0],
         sum(each.radius_m is not None and not each.is_stale for each in flying),
         remaining_s=None if since_s is None else round(max(duration_s - since_s, 0.0), 3),
+        targets=targets if rings else UNSET,
+        rings=(None,) * len(rings) if rings else UNSET,
     )
+
+
+def _with_ring(team: TeamPicture, number: int, values: RingValues) -> TeamPicture:
+    """Return a picture with the commanded values of a ring."""
+    if isinstance(team.rings, UnsetType):
+        return replace(team, ring=values)
+    return replace(team, rings=(*team.rings[:number], values, *team.rings[number + 1 :]))
 
 
 def _surrounded(

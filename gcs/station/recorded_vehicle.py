@@ -1,8 +1,9 @@
 """A vehicle of a log for the operator's page: what its agent knew at given times."""
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from typing import Any, NamedTuple
 
+from msgspec import UNSET
 from msgspec.structs import replace
 
 from agents.flight_end import FlightEnd
@@ -10,9 +11,11 @@ from agents.inputs import AutopilotStatus
 from agents.notes import RingCommanded
 from agents.ports import VehicleStatus
 from agents.shell.reporter import estimator_words
+from agents.tactics import Tactic
 from agents.team.messages import LINK_SILENT_S, AutopilotReport
 from estimation.state import MOTION, Telemetry
 from gcs.console.advice import Severity, event_severity
+from gcs.console.rings import flown_ring
 from gcs.console.team_state import SILENT_AFTER_S
 from gcs.console.vehicle_view import LINK_CUT, SILENT, VehicleView, with_alert, with_outlook, with_unaccounted
 from gcs.flightlog.reader import FlightLog, LogRecord
@@ -28,10 +31,11 @@ _AS_PLANNED = frozenset({FlightEnd.LANDED, FlightEnd.SIMULATED})
 
 
 class Sampled(NamedTuple):
-    """A vehicle at one time, without its surroundings, and its estimate of the target."""
+    """A vehicle at one time, without its surroundings, and its estimate of the target of its ring."""
 
     vehicle: VehicleView
     target: TargetPicture | None
+    ring: int = 0
 
 
 class _Tick(NamedTuple):
@@ -49,7 +53,9 @@ class RecordedVehicle:
     `rings` holds the rings that were commanded so far, and when.
     """
 
-    def __init__(self, log: FlightLog, vehicle_id: int) -> None:
+    def __init__(self, log: FlightLog, vehicle_id: int, rings: Sequence[str] = ()) -> None:
+        """Take the names of the mission's rings, none if it has one."""
+        self._names = rings
         self.vehicle_id = vehicle_id
         self.events: list[tuple[float, str, Severity]] = []
         self.rings: list[tuple[float, RingCommanded]] = []
@@ -69,7 +75,7 @@ class RecordedVehicle:
                 yield Sampled(VehicleView(self.vehicle_id), None)
             else:
                 is_over = following is None and tick.decision.time_s < time_s
-                yield Sampled(self._vehicle(tick, time_s, is_over=is_over), _target(tick, time_s))
+                yield Sampled(self._vehicle(tick, time_s, is_over=is_over), _target(tick, time_s), tick.decision.ring)
 
     def _ticks(self) -> Iterator[_Tick]:
         """Return the ticks, and collect the events between them."""
@@ -117,6 +123,7 @@ class RecordedVehicle:
             tactic=decision.tactic,
             link_age_s=_rounded(link_age_s),
             ending=end.reason if has_ended and end is not None else "",
+            ring=flown_ring(Tactic(decision.tactic), decision.ring, self._names) if self._names else UNSET,
         )
         view = _with_status(_with_motion(view, tick), tick.status)
         if is_unaccounted:

@@ -4,15 +4,15 @@ from math import hypot
 
 from msgspec.structs import replace
 
-from gcs.mission.mission import Mission
+from gcs.mission.mission import Mission, TargetSection
 from gcs.station.picture import TargetPicture
 
 
 class SeenTarget:
-    """Keeps the newest estimate of the target; times are seconds of one clock."""
+    """Keeps the newest estimate of a target; times are seconds of one clock."""
 
-    def __init__(self, mission: Mission) -> None:
-        self._planned_m_s = mission.target.speed_max_m_s
+    def __init__(self, mission: Mission, target: TargetSection) -> None:
+        self._planned_m_s = target.speed_max_m_s
         self._filter = mission.target_filter
         self._last: tuple[TargetPicture, float] | None = None
 

@@ -6,6 +6,7 @@ from itertools import count
 from math import inf
 from statistics import median_high
 
+from msgspec import UNSET
 from msgspec.structs import replace
 
 from agents.ring.place import ring_place
@@ -15,10 +16,11 @@ from agents.team.messages import (
     MemberState,
     OperatorCommand,
     RingValues,
+    TargetPackage,
     VehicleReport,
-    newest_ring,
 )
 from gcs.console.advice import Severity
+from gcs.console.rings import commanded_rings, newest_commanded, ring_names
 from gcs.console.team_state import SILENT_AFTER_S, TeamState
 from gcs.console.vehicle_view import (
     LINK_CUT,
@@ -49,7 +51,9 @@ _VANISHED = "no vehicle sends messages: their processes have ended, or this comp
 class _Received:
     """The newest messages of one vehicle, and when they were received [wall s].
 
-    `sighted_s` is the time of its last sighting of the target, by its own clock.
+    `sighted_s` is the time of its last sighting of the target of its `ring`, on which its states have been since
+    `ring_s`, by its own clock. `estimate` is the newest report of which a state says that it is about the target of
+    number `estimated`.
     """
 
     any_s: float = -inf
@@ -58,6 +62,10 @@ class _Received:
     report: VehicleReport | None = None
     report_s: float = -inf
     sighted_s: float = -inf
+    ring: int = 0
+    ring_s: float = -inf
+    estimate: VehicleReport | None = None
+    estimated: int = 0
 
     @property
     def ended(self) -> str:
@@ -99,9 +107,12 @@ class TeamPictures:
     def __init__(self, mission: Mission, unix_offset_s: float) -> None:
         self._unix_offset_s = unix_offset_s
         self._received = {vehicle_id: _Received() for vehicle_id in mission.ids}
-        self._seen_target = SeenTarget(mission)
+        self._rings = mission.rings
+        self._targets = len(mission.targets)
+        self._seen_targets = [SeenTarget(mission, each) for each in mission.every_target]
         self._fences = fences([each.section for each in mission.vehicles], mission.safety)
-        self._state = TeamState(mission.ids)
+        self._names = ring_names(mission)
+        self._state = TeamState(mission.ids, rings=self._names)
         self._numbers = count(1)
         self._events: list[tuple[int | None, str, Severity]] = []
         self._lost: tuple[float, LostFlight] | None = None
@@ -124,18 +135,38 @@ class TeamPictures:
         match message:
             case MemberState():
                 received.state, received.state_s = message, now_s
-                received.sighted_s = max((each.time_s for each in message.sightings), default=received.sighted_s)
+                self._follow_ring(received, message)
+                sighted = [each.time_s for each in message.sightings if self._is_of_ring(each, received.ring)]
+                received.sighted_s = max(sighted, default=received.sighted_s)
             case VehicleReport():
                 self._events += [(message.sender, *event) for event in _news(received.report, message)]
                 if received.report is not None and _is_of_another_flight(received.report, message):
                     received.state, received.state_s, received.sighted_s = None, -inf, -inf
+                    received.ring, received.ring_s, received.estimate = 0, -inf, None
                     self._recovered.discard(message.sender)
-                    self._seen_target.forget()
+                    for seen in self._seen_targets:
+                        seen.forget()
                 if message.ended:
                     self._state.end(message.sender)
                 received.report, received.report_s = message, now_s
             case _:
                 pass
+
+    def _follow_ring(self, received: _Received, state: MemberState) -> None:
+        """Take the ring that a state names: a vehicle without one keeps to the target of its last, at first of ring 0.
+
+        A report between the states of two rings may be about the target of either.
+        """
+        ring = None if state.choice is None else state.choice.ring
+        if ring is not None and ring != received.ring and ring < len(self._rings):
+            received.ring, received.ring_s, received.sighted_s = ring, state.time_s, -inf
+        report = received.report
+        if report is not None and received.ring_s <= report.time_s <= state.time_s:
+            received.estimate = report
+            received.estimated = self._rings[received.ring].target if self._rings else 0
+
+    def _is_of_ring(self, sighting: TargetPackage, ring: int) -> bool:
+        return self._targets == 0 or sighting.target in (None, self._rings[ring].target if self._rings else 0)
 
     def lose(self, flight: LostFlight, now_s: float) -> None:
         """Take the end of the flying process, from its supervisor."""
@@ -182,22 +213,29 @@ class TeamPictures:
             if each.state and (not each.ended or i in self._unaccounted)
         }
         vehicles = tuple(self._vehicle(i, now_s, places_m, is_over=is_over) for i in self._received)
+        targets = tuple(
+            seen.picture(self._target(now_s, number), now_s) for number, seen in enumerate(self._seen_targets)
+        )
+        rings = tuple(map(self._commanded_ring, range(max(len(self._rings), 1))))
         return TeamPicture(
             self._time_s,
             now_s + self._unix_offset_s,
             vehicles,
-            self._seen_target.picture(self._target(now_s), now_s),
+            None if self._rings else targets[0],
             sum(each.radius_m is not None and not each.is_stale and not each.has_ended for each in vehicles),
             self._ending(is_over=is_over),
             (link if lost is None else "") or self._silence(now_s, is_over=is_over),
             self._remaining_s,
             lost,
-            self._commanded_ring(),
+            None if self._rings else rings[0],
+            targets if self._rings else UNSET,
+            rings if self._rings else UNSET,
         )
 
-    def _commanded_ring(self) -> RingValues | None:
-        """Return the values of the ring that operators commanded last, None for nothing."""
-        commanded = newest_ring(each.state.ring for each in self._received.values() if each.state and not each.ended)
+    def _commanded_ring(self, number: int) -> RingValues | None:
+        """Return the values of a ring that operators commanded last, None for nothing."""
+        flying = (each.state for each in self._received.values() if each.state and not each.ended)
+        commanded = newest_commanded(map(commanded_rings, flying), number)
         return None if commanded == MISSION_RING else RingValues(*(value for value, _ in commanded.dated))
 
     def _found_unaccounted(self, *, is_gone: bool) -> set[int]:
@@ -258,7 +296,7 @@ class TeamPictures:
             ending=ending,
         )
         if received.state is not None:
-            view = with_state(view, received.state)
+            view = with_state(view, received.state, self._names)
         if received.report is not None:
             since_s = now_s - max(received.state_s, received.report_s)
             clock_s = max(_time_s(received.state), received.report.time_s) + since_s
@@ -273,18 +311,25 @@ class TeamPictures:
         bearings_rad = {
             i: each.state.angle.bearing_rad
             for i, each in self._received.items()
-            if each.state is not None and each.state.angle is not None and not each.is_stale(now_s) and not each.ended
+            if each.state is not None
+            and each.state.angle is not None
+            and each.ring == self._received[vehicle_id].ring
+            and not each.is_stale(now_s)
+            and not each.ended
         }
         own_rad = bearings_rad.pop(vehicle_id, None)
         return None if own_rad is None else ring_place(own_rad, list(bearings_rad.values())).lead_rad
 
-    def _target(self, now_s: float) -> TargetPicture | None:
-        """Return the estimate with the newest sighting among the vehicles that send messages."""
-        known = [
-            _estimate(each)
-            for each in self._received.values()
-            if now_s - each.any_s <= SILENT_AFTER_S and not each.ended
-        ]
+    def _target(self, now_s: float, number: int) -> TargetPicture | None:
+        """Return the estimate of a target with the newest sighting among the vehicles that send messages.
+
+        With several rings only a vehicle whose ring is about it has one.
+        """
+        sending = [each for each in self._received.values() if now_s - each.any_s <= SILENT_AFTER_S and not each.ended]
+        if self._rings:
+            known = [_estimate(each, each.estimate) for each in sending if each.estimated == number]
+        else:
+            known = [_estimate(each, each.report) for each in sending]
         return min((each for each in known if each is not None), key=lambda each: each.sighting_age_s, default=None)
 
     def _ending(self, *, is_over: bool) -> str:
@@ -335,9 +380,8 @@ def _time_s(message: MemberState | VehicleReport | None) -> float:
     return -inf if message is None else message.time_s
 
 
-def _estimate(received: _Received) -> TargetPicture | None:
+def _estimate(received: _Received, report: VehicleReport | None) -> TargetPicture | None:
     """Return the target as a vehicle reported it, extrapolated to the vehicle's newest state."""
-    report = received.report
     if report is None or report.target is None:
         return None
     target, time_s = report.target, max(_time_s(received.state), report.time_s)

@@ -8,7 +8,7 @@ from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from math import atan2, hypot
-from typing import Any
+from typing import Any, NamedTuple
 
 from foxglove.messages import Point3, SceneEntity, Timestamp
 
@@ -94,6 +94,18 @@ class DrawnVehicle:
         return x + along_m + flown_m, y + across_m, config.altitude_m
 
 
+class DrawnRing(NamedTuple):
+    """A ring to draw: its name, empty for the only one, the number of its target, its colour (`#RRGGBB`), its outline
+    about the origin, and its altitude.
+    """
+
+    name: str
+    target: int
+    colour: str
+    outline_m: Sequence[Triple]
+    altitude_m: float
+
+
 MISSION_FRAME = "mission"
 TARGET = "#F0E442"
 SLOT_M, SETPOINT_M, TARGET_M = 0.5, 0.3, 0.8
@@ -105,6 +117,16 @@ def newest_target(team: Sequence[DrawnVehicle]) -> TargetState | None:
     """Return the target estimate with the newest sighting in the team, None without any."""
     targets = [vehicle.target for vehicle in team if vehicle.target is not None]
     return max(targets, key=lambda each: each.sighted_s, default=None)
+
+
+def targets_seen(team: Sequence[DrawnVehicle], rings: Sequence[DrawnRing]) -> dict[int, TargetState]:
+    """Return the newest estimate of each target that is known, by its number: a vehicle's is of its ring's target."""
+    of_target: dict[int, list[DrawnVehicle]] = {}
+    for vehicle in team:
+        ring = 0 if vehicle.decision is None else vehicle.decision.ring
+        of_target.setdefault(rings[ring].target, []).append(vehicle)
+    newest = {number: newest_target(vehicles) for number, vehicles in of_target.items()}
+    return {number: target for number, target in newest.items() if target is not None}
 
 
 def ground_place(target: TargetState) -> Triple:
@@ -120,30 +142,39 @@ def position_covariance(target: TargetState) -> tuple[float, float, float]:
 class Drawing:
     """Draws a team; constant geometry is built once."""
 
-    def __init__(self, limits: Sequence[SafetySettings], ring_m: Sequence[Triple], ring_altitude_m: float) -> None:
-        """Take the vehicles' safety settings, which differ in fence and altitudes only, and the ring's outline."""
+    def __init__(self, limits: Sequence[SafetySettings], rings: Sequence[DrawnRing], targets: Sequence[str]) -> None:
+        """Take the vehicles' safety settings, which differ in fence and altitudes only, the rings, and the targets'
+        names.
+        """
         self._safety = limits[0]
-        self._ring_altitude_m = ring_altitude_m
-        self._ring = _points(ring_m)
+        self._rings = rings
+        self._outlines = [_points(each.outline_m) for each in rings]
+        self._targets = targets
         self._slot = _points(circle(SLOT_M, 4))
         self._fence = [line(points, _DESIRED, closed=True) for each in limits for points in _fence(each)]
 
     def entities(self, team: Sequence[DrawnVehicle], at: Timestamp) -> list[SceneEntity]:
         """Return all entities of the vehicles with a known position."""
-        entities = [_entity(at, "fence", lines=self._fence), *self._target(newest_target(team), at)]
+        seen = targets_seen(team, self._rings)
+        entities = [_entity(at, "fence", lines=self._fence)]
+        for number, name in enumerate(self._targets):
+            entities += self._target(name, number, seen.get(number), at)
         for vehicle in team:
             entities += self._vehicle(vehicle, at)
         return entities
 
-    def _target(self, target: TargetState | None, at: Timestamp) -> list[SceneEntity]:
+    def _target(self, name: str, number: int, target: TargetState | None, at: Timestamp) -> list[SceneEntity]:
+        """Return a target and the rings about it, empty while it is not known."""
+        target_id = f"target {name}".rstrip()
+        outlines = zip(self._rings, self._outlines, strict=True)
+        rings = [(f"ring {ring.name}".rstrip(), ring, points) for ring, points in outlines if ring.target == number]
         if target is None:
-            return [_entity(at, "target"), _entity(at, "ring")]
-        place_m = ground_place(target)
-        ring_m = (place_m[0], place_m[1], self._ring_altitude_m)
-        shade = colour(TARGET)
+            return [_entity(at, target_id), *(_entity(at, ring_id) for ring_id, _, _ in rings)]
+        place_m, shade = ground_place(target), colour(TARGET)
+        spheres, text = [ball(place_m, TARGET_M, shade)], label(name or "target", place_m, shade)
         return [
-            _entity(at, "target", spheres=[ball(place_m, TARGET_M, shade)], texts=[label("target", place_m, shade)]),
-            _entity(at, "ring", lines=[line(self._ring, _DESIRED, ring_m, closed=True)]),
+            _entity(at, target_id, spheres=spheres, texts=[text]),
+            *(_ring(ring_id, ring, points, place_m, at) for ring_id, ring, points in rings),
         ]
 
     def _vehicle(self, vehicle: DrawnVehicle, at: Timestamp) -> list[SceneEntity]:
@@ -166,6 +197,14 @@ class Drawing:
         safety = self._safety
         shade = colour(FAIL, BUBBLE_ALERT_ALPHA) if vehicle.guarded else colour(FAINT, BUBBLE_ALPHA)
         return disc(vehicle.place_m, (safety.separation_m, safety.separation_m), safety.vertical_separation_m, shade)
+
+
+def _ring(name: str, ring: DrawnRing, points: Sequence[Point3], place_m: Triple, at: Timestamp) -> SceneEntity:
+    centre_m, shade = (place_m[0], place_m[1], ring.altitude_m), colour(ring.colour)
+    x, y, z = ring.outline_m[0]
+    named_m = (centre_m[0] + x, centre_m[1] + y, centre_m[2] + z)
+    texts = [label(ring.name, named_m, shade)] if ring.name else []
+    return _entity(at, name, lines=[line(points, shade, centre_m, closed=True)], texts=texts)
 
 
 def _setpoint(vehicle: DrawnVehicle, name: str, at: Timestamp) -> SceneEntity:

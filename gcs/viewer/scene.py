@@ -36,16 +36,17 @@ from agents.settings.sections import SafetySettings
 from estimation.frames import MissionFrame, Triple
 from estimation.state import Telemetry
 from gcs.flightlog.records import Decision
-from gcs.mission.mission import Mission
+from gcs.mission.mission import Mission, MissionRing
 from gcs.style import COLOURS, FAIL, FAINT
 from gcs.viewer.drawing import (
     MISSION_FRAME,
     TARGET,
     Drawing,
+    DrawnRing,
     DrawnVehicle,
     ground_place,
-    newest_target,
     position_covariance,
+    targets_seen,
 )
 from gcs.viewer.shapes import circle, colour, ellipse, pose, ring_outline, rotation, timestamp
 
@@ -57,8 +58,8 @@ _Points = NDArray[np.float64]
 class Cloud:
     """Draws a team as points; constant geometry is built once."""
 
-    def __init__(self, limits: Sequence[SafetySettings], ring_m: Sequence[Triple], ring_altitude_m: float) -> None:
-        """Take the vehicles' safety settings, which differ in fence and altitudes only, and the ring's outline."""
+    def __init__(self, limits: Sequence[SafetySettings], rings: Sequence[DrawnRing]) -> None:
+        """Take the vehicles' safety settings, which differ in fence and altitudes only, and the rings."""
         numbers = PackedElementFieldNumericType
         places = [PackedElementField(name=name, offset=4 * k, type=numbers.Float32) for k, name in enumerate("xyz")]
         shades = [
@@ -66,7 +67,8 @@ class Cloud:
             for k, name in enumerate(("red", "green", "blue", "alpha"))
         ]
         self._fields = places + shades
-        self._ring = np.array(ring_m) + np.array((0.0, 0.0, ring_altitude_m))
+        self._rings = rings
+        self._outlines = [np.array(each.outline_m) + np.array((0.0, 0.0, each.altitude_m)) for each in rings]
         self._bubble = np.array(circle(limits[0].separation_m / 2.0, BUBBLE_POINTS))
         self._ellipse = np.array(circle(1.0, ELLIPSE_POINTS))
         self._fence = b"".join(_packed(_outline(each), FAINT) for each in limits)
@@ -74,10 +76,12 @@ class Cloud:
     def message(self, team: Sequence[DrawnVehicle], at: Timestamp) -> PointCloud:
         """Return the points of the vehicles with a known position."""
         parts = [self._fence]
-        target = newest_target(team)
-        if target is not None:
+        for number, target in sorted(targets_seen(team, self._rings).items()):
             place_m = np.array(ground_place(target))
-            parts += [_packed(self._ring + place_m, FAINT), _packed(place_m[None], TARGET)]
+            for ring, outline in zip(self._rings, self._outlines, strict=True):
+                if ring.target == number:
+                    parts.append(_packed(outline + place_m, ring.colour))
+            parts.append(_packed(place_m[None], TARGET))
         for vehicle in team:
             parts += self._vehicle(vehicle)
         return PointCloud(
@@ -152,13 +156,11 @@ class Scene:
             vehicle.id: DrawnVehicle(mission.agent_config(vehicle), COLOURS[row % len(COLOURS)])
             for row, vehicle in enumerate(mission.vehicles)
         }
-        ring = mission.encirclement
-        lowest_m = min(vehicle.config.altitude_m for vehicle in self._team.values())
-        drawn = ring_outline(ring), ring.lowest_m(lowest_m)
+        rings = drawn_rings(mission)
         # Vehicles may have fences of their own.
         limits = tuple(dict.fromkeys(vehicle.config.safety for vehicle in self._team.values()))
-        self._drawing = Drawing(limits, *drawn)
-        self._cloud = Cloud(limits, *drawn)
+        self._drawing = Drawing(limits, rings, [each.name for each in mission.targets] if mission.rings else [""])
+        self._cloud = Cloud(limits, rings)
         self._scene = SceneUpdateChannel("/scene", context=context)
         self._points = PointCloudChannel("/points", context=context)
         self._transforms = FrameTransformsChannel("/tf", context=context)
@@ -216,6 +218,22 @@ class Scene:
         channels = _VehicleChannels(PoseInFrameChannel(f"{topic}/pose", context=context), location)
         self._channels[vehicle_id] = channels
         return channels
+
+
+def drawn_rings(mission: Mission) -> list[DrawnRing]:
+    """Return the rings of a mission; only those of several have names and colours of their own."""
+    lowest_m = min(vehicle.section.altitude_m for vehicle in mission.vehicles)
+    only = MissionRing("", 0, len(mission.vehicles), mission.encirclement)
+    return [
+        DrawnRing(
+            each.name,
+            each.target,
+            COLOURS[-1 - number % len(COLOURS)] if mission.rings else FAINT,
+            ring_outline(each.encirclement),
+            each.encirclement.lowest_m(lowest_m),
+        )
+        for number, each in enumerate(mission.rings or (only,))
+    ]
 
 
 def vehicle_frame(vehicle_id: int) -> str:

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from agents.command_handler import COMMANDS_KEPT, Circumstances, CommandHandler, Reshaping
+from agents.command_handler import COMMANDS_KEPT, IN_FLIGHT, Circumstances, CommandHandler, Reshaping
 from agents.core import VehicleCore
 from agents.inputs import Command, Message, TimeScale
 from agents.notes import Notes
@@ -16,7 +16,16 @@ from agents.settings.sections import ExcitationSettings
 from agents.settings.shapes import Shape
 from agents.tactics import Event, Tactic, next_tactic
 from agents.team.codec import decode, encode
-from agents.team.messages import DID_LIMIT, CommandAnswer, MemberState, OperatorCommand
+from agents.team.messages import (
+    DID_LIMIT,
+    MISSION_RING,
+    RINGS_MAX,
+    CommandAnswer,
+    CommandedRing,
+    MemberState,
+    OperatorCommand,
+    RingValues,
+)
 from agents.team.verbs import VERBS, Verb
 from estimation.state import Telemetry
 
@@ -110,6 +119,84 @@ def test_a_change_of_formation_is_taken_or_refused(shape: Shape | None, tactic: 
     (answer,) = orders.answers(1.0)
     assert answer.did == did
     assert orders.reshaping == (Reshaping(1.0, "wedge") if answer.is_obeyed else None)
+
+
+RINGS = ("north", "south", "high")
+
+
+def handler(*rings: str) -> CommandHandler:
+    return CommandHandler(2, HOVER_S, ("line", "wedge"), Notes(), rings)
+
+
+def answer_to(
+    commands: CommandHandler,
+    command: OperatorCommand,
+    tactic: Tactic = Tactic.ENCIRCLE,
+    circumstances: Circumstances = IN_FLIGHT,
+) -> str:
+    assert commands.take(command, tactic, 1.0, circumstances) is None, "the tactic stays"
+    (answer,) = commands.answers(1.0)
+    assert answer.is_obeyed is not answer.did.startswith("refused: ")
+    return answer.did
+
+
+def changing(number: int | None, told_s: float = 1.0, number_of_command: int = 7) -> OperatorCommand:
+    values = RingValues(15.0, -0.1)
+    return OperatorCommand(told_s, "ring", None, "pat@here", number_of_command, ring=values, ring_number=number)
+
+
+def assigning(number: int | None, told_s: float = 1.0, command: int = 7, vehicle: int | None = 2) -> OperatorCommand:
+    return OperatorCommand(told_s, "assign", vehicle, "pat@here", command, ring_number=number)
+
+
+def test_each_ring_keeps_the_values_that_were_commanded_of_it() -> None:
+    commands, wanted = handler(*RINGS), CommandedRing(15.0, 1.0, -0.1, 1.0)
+    assert answer_to(commands, changing(1)) == "changes the ring 'south' to 15 m, -0.1 rad/s"
+    assert commands.commanded_rings == [MISSION_RING, wanted, MISSION_RING]
+    assert answer_to(commands, changing(None, number_of_command=8)) == "changes the ring 'north' to 15 m, -0.1 rad/s"
+    assert commands.commanded_rings == [wanted, wanted, MISSION_RING]
+    assert "no ring of number 3 (rings: north, south, high)" in answer_to(commands, changing(3, number_of_command=9))
+    assert commands.commanded_rings == [wanted, wanted, MISSION_RING]
+    only = handler()
+    assert answer_to(only, changing(None)) == "changes to a ring of 15 m, -0.1 rad/s"
+    assert "no ring of number 1" in answer_to(only, changing(1, 2.0, 8))
+    assert only.commanded_rings == [wanted]
+
+
+@pytest.mark.parametrize(
+    ("tactic", "follows", "did"),
+    [
+        (Tactic.ENCIRCLE, True, "goes to the ring 'high'"),
+        (Tactic.ENCIRCLE, False, "will go, once on its mission, to the ring 'high'"),
+        (Tactic.FORMATION, True, "goes to the ring 'high'"),
+        (Tactic.HOLD, True, "will go, once on its mission, to the ring 'high'"),
+        (Tactic.PILOT_OVERRIDE, False, "will go, once on its mission, to the ring 'high'"),
+        (Tactic.RETURN_AND_LAND, True, "refused: it is on its way to land"),
+        (Tactic.LAND, True, "refused: it is landing"),
+    ],
+)
+def test_a_vehicle_is_assigned_to_a_ring_unless_it_lands(tactic: Tactic, follows: bool, did: str) -> None:
+    commands = handler(*RINGS)
+    assert answer_to(commands, assigning(2), tactic, Circumstances(follows=follows)) == did
+    assert commands.assigned == (None if did.startswith("refused") else 2)
+
+
+def test_what_assigns_nothing_is_refused_and_the_newest_assignment_applies() -> None:
+    commands = handler(*RINGS)
+    assert answer_to(commands, assigning(1, 5.0, 1)) == "goes to the ring 'south'"
+    assert "each vehicle" in answer_to(commands, assigning(0, 6.0, 2, None))
+    assert "no ring of number 3" in answer_to(commands, assigning(3, 6.0, 3))
+    assert "no ring of number 7" in answer_to(commands, assigning(RINGS_MAX - 1, 6.0, 4))
+    assert "mission is over" in answer_to(commands, assigning(0, 6.0, 5), circumstances=Circumstances(is_over=True))
+    assert "newer command" in answer_to(commands, assigning(0, 4.0, 6)), "of another operator, received late"
+    assert commands.assigned == 1
+    assert answer_to(commands, assigning(None, 7.0, 7)) == "chooses its ring by itself"
+    assert commands.assigned is None
+    assert "newer command" in answer_to(commands, assigning(0, 6.5, 8)), "the choice was given back later"
+    assert commands.assigned is None
+    assert "one ring" in answer_to(handler(), assigning(0))
+    assert commands.take(assigning(0, 9.0, 9, 3), Tactic.ENCIRCLE, 9.0) is None
+    assert (commands.answers(9.0), commands.assigned) == ((), None), "it was for another vehicle"
 
 
 def test_repeats_act_once_and_are_answered_again() -> None:

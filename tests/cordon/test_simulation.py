@@ -253,3 +253,9 @@ def test_the_faults_of_a_log_are_warnings(tmp_path: Path) -> None:
     with pytest.warns(UserWarning, match=r"flight\.mcap: it was never closed") as warned:
         cordon.read(log)
     assert {Path(each.filename).name for each in warned} == {"test_simulation.py"}, "they point to the call"
+
+
+def test_a_path_is_of_one_target() -> None:
+    for target in (lambda _: (1.0, 2.0), cordon.ReactingTarget(lambda _, __: (1.0, 2.0))):
+        with pytest.raises(cordon.InputError, match="2 targets"):
+            cordon.simulate("two-targets", duration_s=1.0, target=target)

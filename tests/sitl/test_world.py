@@ -10,6 +10,8 @@ from estimation.state import Sighting
 from gcs.mission.file import load_mission
 from gcs.mission.simulation import target_sensor
 from sitl.world import Leg, SensorModel, SimulatedSensor, TargetMotion
+from tests.gcs.mission.test_rings import SEVERAL, STACK
+from tests.support.mission_text import Content, parsed, put
 
 TARGET = TargetMotion((35.0, -5.0), (0.1, -0.2))
 IDEAL = SensorModel(range_m=15.0, rate_hz=5.0, noise_m=0.0, importance=0.8, threat=0.2)
@@ -104,3 +106,74 @@ def test_a_target_that_others_see_is_seen_by_no_simulated_sensor(source: str, se
     other = replace(mission, target=mission.target.model_copy(update={"source": source}))
     sensor = target_sensor(other, 2, 0.0, 0)
     assert len([1 for tick in range(100) if sensor.sight(tick / 10.0, other.target.start_m)]) == seen
+
+
+def sighted(content: Content, vehicle_id: int = 2, seconds: float = 20.0) -> list[tuple[Sighting, ...]]:
+    """What a vehicle's sensor sees between the targets of a mission of several rings, at every tick."""
+    sensor = target_sensor(parsed(content), vehicle_id, 0.0, 3)
+    return [sensor.sight(tick / 10.0, (40.0, 0.0)) for tick in range(round(10.0 * seconds))]
+
+
+def test_a_sensor_sees_every_target_and_names_it() -> None:
+    seen = sighted(SEVERAL)
+    due = [each for each in seen if each]
+    assert {tuple(one.target for one in each) for each in due} == {("north", "south")}
+    assert len(due) == 80  # at 4 Hz
+    assert {(one.sensor_id, one.importance, one.threat) for north, _ in due for one in (north,)} == {(2, 0.9, 0.1)}
+    assert {one.threat for _, one in due} == {0.3}
+    north_m = np.array([one.position_m for one, _ in due]) - [40.0, 20.0]
+    assert north_m.std() == pytest.approx(0.2, rel=0.2)
+    assert [one.position_m for _, one in due] == [(40.0 + 0.1 * one.time_s, -20.0) for _, one in due]
+
+
+def test_each_target_has_its_range_its_delay_and_its_stream_of_random_numbers() -> None:
+    noisy = put(put(SEVERAL, ("targets", 1, "sensor"), {"noise_m": 0.2}), ("targets", 1, "velocity_m_s"), [0.0, 0.0])
+    off_m = np.array([[one.position_m for one in each] for each in sighted(noisy, seconds=100.0) if each])
+    off_m -= np.array([[40.0, 20.0], [40.0, -20.0]])
+    assert off_m[:, 1].std() == pytest.approx(0.2, rel=0.1)
+    assert abs(np.corrcoef(off_m[:, 0].ravel(), off_m[:, 1].ravel())[0, 1]) < 4.0 / off_m[:, 0].size ** 0.5
+    near = put(SEVERAL, ("targets", 1, "sensor"), {"range_m": 19.0})
+    assert {one.target for each in sighted(near) for one in each} == {"north"}
+    late = sighted(put(SEVERAL, ("targets", 1, "sensor"), {"delay_s": 1.0}))
+    ages_s = {(one.target, round(tick / 10.0 - one.time_s, 6)) for tick, each in enumerate(late) for one in each}
+    assert ages_s == {("north", 0.0), ("south", 1.0)}
+
+
+def test_what_a_vehicle_changes_of_its_sensor_holds_for_all_targets() -> None:
+    changed = put(SEVERAL, ("vehicles", 1, "sensor"), {"rate_hz": 2.0})
+    assert [len([each for each in sighted(changed, vehicle_id) if each]) for vehicle_id in (1, 2)] == [80, 40]
+
+
+def test_the_first_target_is_seen_as_if_it_were_alone() -> None:
+    alone = target_sensor(parsed(SEVERAL).of_ring(1), 2, 0.0, 3)
+    first = [each[0] for each in sighted(SEVERAL) if each]
+    single = [one for tick in range(200) for one in alone.sight(tick / 10.0, (40.0, 0.0))]
+    assert [one.position_m for one in first] == [one.position_m for one in single]
+    assert {one.target for one in single} == {None}
+
+
+def test_sightings_of_one_target_and_of_sensors_that_do_not_tell_them_apart_have_no_name() -> None:
+    anonymous = put(SEVERAL, ("target", "sensor", "names"), False)
+    assert {len(each) for each in sighted(anonymous)} == {0, 2}
+    for content in (anonymous, put(STACK, ("target", "sensor", "range_m"), 60.0)):
+        assert {one.target for each in sighted(content) for one in each} == {None}
+
+
+def test_a_target_that_is_reported_from_outside_is_not_simulated_beside_one_that_is() -> None:
+    external = put(SEVERAL, ("targets", 0, "source"), "external")
+    assert {one.target for each in sighted(external) for one in each} == {"south"}
+
+
+def test_a_sensor_reports_the_importance_and_the_threat_of_the_time() -> None:
+    model = SensorModel(50.0, 5.0, 0.0, 0.8, 0.2, changes=((10.0, 0.3, 0.1), (20.0, 0.9, 0.6)))
+    sensor = SimulatedSensor(1, model, TargetMotion((0.0, 0.0)), 100.0, 0)
+    seen = [each for tick in range(300) for each in sensor.sight(100.0 + tick * 0.1, (1.0, 1.0))]
+    values = {round(each.time_s - 100.0, 1): (each.importance, each.threat) for each in seen}
+    assert (values[0.0], values[9.8], values[10.0], values[19.8], values[20.0], values[29.8]) == (
+        (0.8, 0.2),
+        (0.8, 0.2),
+        (0.3, 0.1),
+        (0.3, 0.1),
+        (0.9, 0.6),
+        (0.9, 0.6),
+    )

@@ -10,7 +10,7 @@ from agents.team.messages import RingValues
 from gcs.station.picture import AnswerPicture, CommandRequest, LostPicture, OperatorRights, ReceiptPicture, TeamPicture
 from tests.station.conftest import NO_WEBGL, pass_time, stopped
 from tests.support.page.canned_station import CannedStation
-from tests.support.page.station_pictures import changed, ring_mission, ring_team
+from tests.support.page.station_pictures import changed, ring_mission, ring_team, rings_mission, rings_team
 
 pytestmark = pytest.mark.browser
 HOLD_MS = 1000
@@ -146,6 +146,45 @@ def test_a_ring_is_chosen_within_what_the_team_can_fly(page: Page, served: Canne
     page.keyboard.press("h")  # a hold closes the dialog
     expect(dialog).to_be_hidden()
     assert [each.verb for each in sent(page, served)] == ["hold"]
+
+
+def test_of_several_rings_one_is_changed_and_vehicles_are_assigned_to_one(page: Page, served: CannedStation) -> None:
+    expect(page.locator("#verbs [data-verb='assign']")).to_have_count(0)  # with one ring
+    verb(page, "ring")()
+    expect(page.locator("#ring-name")).to_be_hidden()
+    page.get_by_role("button", name="Cancel").click()
+    served.team = rings_team
+    served.begin(rings_mission(), rings_team)
+    page.reload()
+    expect(page.locator(".card .tactic")).to_have_text(["encircle north", "encircle south", "formation"])
+    verb(page, "ring")()
+    dialog, chosen = page.get_by_role("dialog"), page.locator("#ring-name")
+    expect(chosen.locator("option")).to_have_text(["north", "south", "high"])
+    expect(dialog).to_contain_text("10.0 m (2.5 to 39.5 m)")
+    set_slider(page, "Radius", 20.0)
+    chosen.select_option("south")
+    expect(dialog).to_contain_text("12.0 m (2.5 to 39.5 m)")  # as commanded
+    expect(dialog).to_contain_text("0.060 rad/s")
+    chosen.select_option("high")
+    expect(dialog).to_contain_text("8.0 m (2 to 19.5 m)")
+    expect(dialog).to_contain_text("-0.100 rad/s")
+    set_slider(page, "Radius", 9.0)
+    page.get_by_role("button", name="Change the ring").click()
+    (request,) = sent(page, served)
+    assert (request.verb, request.vehicles) == ("ring", None)
+    assert (request.ring, request.ring_number) == (RingValues(9.0), 2)
+    for select, answer, number in (((1,), "high", 2), ((2, 3), "its own choice", None), ((), "north", 0)):
+        for vehicle_id in select:
+            page.get_by_label(f"Select vehicle {vehicle_id}").check()
+        verb(page, "assign")()
+        expect(dialog).to_contain_text("Assign")
+        if select == (1,):
+            expect(page.locator("#assign-name")).to_have_value("0")  # where it is
+        page.locator("#assign-name").select_option(answer)
+        page.get_by_role("button", name="Assign", exact=True).click()
+        (request,) = sent(page, served)
+        assert (request.verb, request.vehicles) == ("assign", select or (1, 2, 3))
+        assert (request.ring, request.ring_number) == (None, number)
 
 
 def test_hold_all_is_for_all_whatever_is_selected(page: Page, served: CannedStation) -> None:

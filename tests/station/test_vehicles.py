@@ -9,7 +9,7 @@ from functools import partial
 import msgspec
 import pytest
 from msgspec.structs import replace
-from playwright.sync_api import Page, Route, expect
+from playwright.sync_api import FloatRect, Page, Route, expect
 
 from agents.team.messages import AutopilotReport
 from gcs.console.vehicle_view import with_unaccounted
@@ -17,7 +17,15 @@ from gcs.station.picture import MissionPicture, TeamPicture
 from gcs.style import COLOURS
 from tests.station.conftest import NO_WEBGL, OpenPage, pass_time, stopped
 from tests.support.page.canned_station import CannedStation
-from tests.support.page.station_pictures import changed, ring_mission, ring_team
+from tests.support.page.station_pictures import (
+    BOAT_M,
+    BUOY_M,
+    changed,
+    ring_mission,
+    ring_team,
+    rings_mission,
+    rings_team,
+)
 from tests.support.wire import repeated_now
 
 pytestmark = pytest.mark.browser
@@ -362,6 +370,57 @@ def scale_px_m(page: Page) -> float:
     assert box is not None
     assert number is not None
     return box["width"] / float(number[1])
+
+
+CIRCLES = """async ([mission, team]) => {
+  const { teamMarks } = await import("./marks.js");
+  const { features } = teamMarks(mission, team, { lonLat: (point_m) => point_m });
+  const found = features.filter(({ properties }) => ["ring", "flown", "keep-out"].includes(properties.layer));
+  return found.map(({ properties: { layer, colour }, geometry: { coordinates: [points_m] } }) => {
+    const ends = (axis) => [Math.min, Math.max].map((end) => end(...points_m.map((at) => at[axis])));
+    const [[left, right], [low, high]] = [ends(0), ends(1)];
+    const circle = [(left + right) / 2, (low + high) / 2, (right - left) / 2];
+    return [layer, colour ?? "", ...circle.map((each) => Math.round(each * 100) / 100)];
+  });
+}"""
+"""Layer, colour, centre and radius of the circles that the map draws about targets."""
+
+
+def test_the_map_shows_each_ring_about_its_target_with_its_name(open_page: OpenPage) -> None:
+    """South was commanded to 12 m. One vehicle flies on each of the first two, at 10.5 m."""
+    with CannedStation(rings_mission(), rings_team) as served:
+        page = open_page(served.url)
+        expect(page.locator(".symbol.target .label")).to_have_text(["boat", "buoy"])
+        expect(page.locator(".ring-name")).to_have_text(["north", "south", "high"])
+        expect(page.locator(".card .tactic")).to_have_text(["encircle north", "encircle south", "formation"])
+        expect(page.locator("#target-place")).to_have_text(re.compile(r"^Targets boat [\d., ]+; buoy [\d., ]+$"))
+        pictures = [msgspec.to_builtins(each) for each in (rings_mission(), rings_team())]
+        north, south, high = COLOURS[-1], COLOURS[-2], COLOURS[-3]
+        assert sorted(page.evaluate(CIRCLES, pictures)) == sorted(
+            [
+                ["ring", north, *BOAT_M, 10.0],
+                ["flown", north, *BOAT_M, 10.5],
+                ["keep-out", "", *BOAT_M, 4.0],
+                ["ring", south, *BUOY_M, 12.0],
+                ["flown", south, *BUOY_M, 10.5],
+                ["ring", high, *BUOY_M, 8.0],
+                ["keep-out", "", *BUOY_M, 4.0],
+            ]
+        )
+        names_px = [page.locator(".ring-name").nth(number).bounding_box() for number in range(3)]
+        (boat_x, boat_y), scale = centre_px(page.locator(".symbol.target").first.bounding_box()), scale_px_m(page)
+        name_x, name_y = centre_px(names_px[0])
+        assert math.hypot(name_x - boat_x, name_y - boat_y) / scale == pytest.approx(10.0, abs=0.6)
+        one = rings_team()
+        assert isinstance(one.targets, tuple)
+        served.team = lambda _: replace(one, targets=(one.targets[0], None))  # type: ignore[index]
+        expect(page.locator(".symbol.target .label")).to_have_text(["boat"])
+        expect(page.locator(".ring-name")).to_have_text(["north"])
+
+
+def centre_px(box: FloatRect | None) -> tuple[float, float]:
+    assert box is not None
+    return box["x"] + box["width"] / 2.0, box["y"] + box["height"] / 2.0
 
 
 def test_map_is_in_metres_and_turns_by_the_bearing_of_the_x_axis(open_page: OpenPage) -> None:

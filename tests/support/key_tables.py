@@ -13,6 +13,7 @@ from estimation.settings import OwnFilterSettings, Settings
 from gcs.mission.mission import (
     EvadesSection,
     LegSection,
+    RingKeys,
     SecuritySection,
     SensorChange,
     SensorSection,
@@ -29,6 +30,7 @@ _MISSION: dict[str, type[Settings]] = {
     "[target.sensor]": SensorSection,
     "[[target.legs]]": LegSection,
     "[target.evades]": EvadesSection,
+    "[[rings]]": RingKeys,
     "[[vehicles]]": VehicleSection,
 }
 _PROFILE: dict[str, type[Settings]] = {

@@ -2,7 +2,8 @@
 
 import { byId, element, setText } from "./dom.js";
 import { actWhenHeld, ignoreKeyRepeat } from "./hold_button.js";
-import { KillPrompt, PilotPrompt, RingPrompt } from "./prompts.js";
+import { AssignPrompt, KillPrompt, PilotPrompt, RingPrompt } from "./prompts.js";
+import { flownRing, ringsOf } from "./rings.js";
 import { age, vehicleNames } from "./units.js";
 
 const REQUESTS_MAX = 20;
@@ -19,7 +20,8 @@ export class Commands {
     this.requests = new Map();
     this.kill = new KillPrompt((verb, target, word) => this.#request(verb, target, { confirmation: word }));
     this.pilot = new PilotPrompt((verb, target, overrides) => this.#request(verb, target, { overrides_pilot: overrides }));
-    this.ring = new RingPrompt((verb, target, ring) => this.#request(verb, target, { ring }));
+    this.ring = new RingPrompt((verb, target, ring) => this.#request(verb, target, ring));
+    this.assign = new AssignPrompt((verb, target, ring) => this.#request(verb, { ...target, isAll: false }, ring));
     selection.changed(() => this.#showTarget());
     byId("select-all").addEventListener("click", () => selection.clear());
     byId("hold-all").addEventListener("click", () => this.#hold(this.#everyone()));
@@ -32,7 +34,8 @@ export class Commands {
   /** Show the commands that the operator of a mission may give. */
   start(mission) {
     this.mission = mission;
-    const offered = mission.verbs.filter(({ name, button }) => button && mission.operator.may.includes(name));
+    const isOffered = ({ name, button, takes }) => button && mission.operator.may.includes(name) && (takes !== "assign" || mission.rings);
+    const offered = mission.verbs.filter(isOffered);
     const names = offered.map(({ name }) => name).join();
     offered.sort((first, second) => first.button - second.button);
     if (names !== this.offered) byId("verbs").replaceChildren(...offered.map((verb) => this.#button(verb)));
@@ -124,8 +127,8 @@ export class Commands {
   }
 
   #press(verb) {
-    if (verb.takes) {
-      this.ring.ask(verb, this.#everyone(), this.mission.ring_bounds, this.#flownRing());
+    if (verb.takes === "ring") {
+      this.ring.ask(verb, this.#everyone(), this.#rings);
       return;
     }
     const target = this.#target();
@@ -134,14 +137,15 @@ export class Commands {
       return;
     }
     const flown = verb.confirmation === "pilots" ? this.#flownByPilots(target.vehicles) : [];
-    if (verb.confirmation === "word") this.kill.ask(verb, target);
+    if (verb.takes) this.assign.ask(verb, target, this.#rings, this.team?.vehicles ?? []);
+    else if (verb.confirmation === "word") this.kill.ask(verb, target);
     else if (flown.length) this.pilot.ask(verb, target, flown);
     else this.#request(verb, target, {});
   }
 
-  /** The ring that was commanded last, or the mission's: radius, rate, altitude and tilt. */
-  #flownRing() {
-    return this.mission.ring.map((planned, index) => this.team?.ring?.[index] ?? planned);
+  /** The rings: name, bounds, and radius, rate, altitude and tilt as commanded last, or the mission's. */
+  get #rings() {
+    return ringsOf(this.mission).map(({ name, ring_bounds: bounds }, number) => ({ name, bounds, ring: flownRing(this.mission, this.team, number) }));
   }
 
   #flownByPilots(vehicle_ids) {
@@ -197,7 +201,7 @@ export class Commands {
     this.#showRest();
     for (const button of byId("verbs").children) {
       const how = button.classList.contains("held") ? ", hold 1 s" : button.dataset.verb === HOLD.verb ? `, key ${HOLD.key}` : "";
-      const whom = button.dataset.takes ? all : vehicles; // a verb that takes something is for the whole team
+      const whom = button.dataset.takes === "ring" ? all : vehicles; // a ring is the whole team's
       setText(button.querySelector(".whom"), shortNames(whom, all) + how);
       button.disabled = all.length === 0 || this.#processesEnded;
     }

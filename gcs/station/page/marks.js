@@ -1,5 +1,6 @@
 /** The marks of a mission and a team as GeoJSON: lines and areas, each with a `layer`. */
 
+import { flownRing, ringsOf, targetsOf } from "./rings.js";
 import { trouble } from "./vehicles.js";
 
 const CIRCLE = unitCircle(64);
@@ -18,19 +19,33 @@ export function planMarks(mission, frame) {
 
 const hasFence = (vehicle) => vehicle.fence_m.length > 2;
 
-/** The target with its rings, and the setpoints or aims and circles of vehicles, of a TeamPicture. */
+/** The targets with their rings, and the setpoints or aims and circles of vehicles, of a TeamPicture. */
 export function teamMarks(mission, team, frame) {
-  const target = team.target ? targetMarks(mission, team, frame) : [];
-  return collection([...target, ...team.vehicles.flatMap((vehicle) => vehicleMarks(mission, vehicle, team, frame))]);
+  const targets = targetsOf(team).flatMap((target, number) => (target ? targetMarks(mission, team, number, frame) : []));
+  return collection([...targets, ...team.vehicles.flatMap((vehicle) => vehicleMarks(mission, vehicle, team, frame))]);
 }
 
-function targetMarks(mission, { target, vehicles, ring: commanded }, frame) {
+function targetMarks(mission, team, number, frame) {
+  const target = targetsOf(team)[number];
   const centre = target.position_m;
-  const ring = circle(centre, commanded?.[0] ?? mission.ring[0]);
-  const marks = [line("ring", [ring], frame), ...whereabouts(target, centre, frame)];
+  const marks = whereabouts(target, centre, frame);
   if (mission.keep_out_m > 0) marks.push(area("keep-out", circle(centre, mission.keep_out_m), frame));
-  const flown = flownRadius(vehicles);
-  return flown === null ? marks : [...marks, line("flown", [circle(centre, flown)], frame)];
+  return [...ringsOf(mission).flatMap((ring, index) => (ring.target === number ? ringMarks(mission, team, index, centre, frame) : [])), ...marks];
+}
+
+/** The circle of a ring as it is wanted, and as it is flown. */
+function ringMarks(mission, team, number, centre, frame) {
+  const { name, colour } = ringsOf(mission)[number];
+  const properties = colour ? { colour } : {};
+  const wanted = line("ring", [circle(centre, flownRing(mission, team, number)[0])], frame, properties);
+  const flown = flownRadius(team.vehicles.filter((each) => !name || each.ring === name));
+  return flown === null ? [wanted] : [wanted, line("flown", [circle(centre, flown)], frame, properties)];
+}
+
+/** A point of a ring for its name; those of several rings about one target are apart. */
+export function namePlace(mission, number, centre, radius) {
+  const angle = Math.PI / 2 + (2 * Math.PI * number) / ringsOf(mission).length;
+  return [centre[0] + radius * Math.cos(angle), centre[1] + radius * Math.sin(angle)];
 }
 
 /** Where the target is: its ellipse and motion, or for a lost one the circle that it can have reached. */

@@ -1,6 +1,6 @@
-/** The dialogs before a command: the word of a kill, taking a vehicle back from its pilot, and the values of a ring. */
+/** The dialogs before a command: the word of a kill, taking a vehicle back from its pilot, a ring's values, its vehicles. */
 
-import { byId, setText } from "./dom.js";
+import { byId, element, setText } from "./dom.js";
 import { vehicleNames } from "./units.js";
 
 /** Requires the verb's name, typed letter by letter: pasted, dropped, completed and repeated letters do not count. */
@@ -90,22 +90,32 @@ const RING_VALUES = ["radius", "rate", "altitude", "tilt"];
 
 /** Asks for the values of a ring, within what the team can fly. */
 export class RingPrompt {
-  /** @param {function(Object, Object, Array)} send called with the verb, the target, and the values, null to keep one */
+  /** @param {function(Object, Object, Object)} send called with the verb, the target, and the values and number of a ring */
   constructor(send) {
     this.dialog = byId("change-ring");
     this.sliders = RING_VALUES.map((name) => byId(`ring-${name}`));
     this.dialog.querySelector("form").addEventListener("submit", (event) => this.#submit(event, send));
     byId("ring-cancel").addEventListener("click", () => this.dialog.close());
     for (const slider of this.sliders) slider.addEventListener("input", () => this.#move(slider));
+    this.names = byId("ring-name");
+    this.names.addEventListener("change", () => this.#choose(this.names.selectedIndex));
   }
 
   /**
-   * @param {Object} bounds of a MissionPicture
-   * @param {Array} ring the present radius, rate, altitude (null if it follows the target's) and tilt
+   * @param {{name: string, bounds: Object, ring: Array}[]} rings those that there are: bounds of a MissionPicture, the
+   *   present radius, rate, altitude (null if it follows the target's) and tilt
    */
-  ask(verb, target, bounds, ring) {
-    this.verb = verb;
-    this.target = target;
+  ask(verb, target, rings) {
+    Object.assign(this, { verb, target, rings });
+    byId("ring-name-row").hidden = rings.length === 1;
+    this.names.replaceChildren(...rings.map(({ name }) => element("option", {}, name)));
+    this.#choose(0);
+    this.dialog.showModal();
+  }
+
+  #choose(number) {
+    const { bounds, ring } = this.rings[number];
+    this.number = number;
     this.bounds = bounds;
     this.present = ring;
     this.moved = new Set();
@@ -119,7 +129,6 @@ export class RingPrompt {
     this.#update();
     [rate.value, tilt.value] = [ring[1], ring[3]].map(String);
     this.#update();
-    this.dialog.showModal();
   }
 
   #move(slider) {
@@ -176,7 +185,39 @@ export class RingPrompt {
   #submit(event, send) {
     event.preventDefault();
     this.dialog.close();
-    send(this.verb, this.target, this.#changes);
+    const number = this.rings.length === 1 ? {} : { ring_number: this.number };
+    send(this.verb, this.target, { ring: this.#changes, ...number });
+  }
+}
+
+const AUTO = "auto";
+
+/** Asks for the ring that vehicles go to. */
+export class AssignPrompt {
+  /** @param {function(Object, Object, Object)} send called with the verb, the target, and the number of a ring */
+  constructor(send) {
+    this.dialog = byId("assign-ring");
+    this.names = byId("assign-name");
+    this.dialog.querySelector("form").addEventListener("submit", (event) => this.#submit(event, send));
+    byId("assign-cancel").addEventListener("click", () => this.dialog.close());
+  }
+
+  /** @param {{name: string}[]} rings those that there are @param {Object[]} vehicles of a TeamPicture */
+  ask(verb, target, rings, vehicles) {
+    Object.assign(this, { verb, target });
+    const options = rings.map(({ name }, number) => element("option", { value: String(number) }, name));
+    this.names.replaceChildren(...options, element("option", { value: AUTO }, "its own choice"));
+    const flown = new Set(vehicles.filter(({ vehicle_id: id }) => target.vehicles.includes(id)).map(({ ring }) => ring));
+    const [only] = flown.size === 1 ? flown : [];
+    this.names.selectedIndex = Math.max(0, rings.findIndex(({ name }) => name === only));
+    setText(byId("assign-title"), `Assign ${vehicleNames(target.vehicles, target.all)} to a ring`);
+    this.dialog.showModal();
+  }
+
+  #submit(event, send) {
+    event.preventDefault();
+    this.dialog.close();
+    send(this.verb, this.target, { ring_number: this.names.value === AUTO ? null : Number(this.names.value) });
   }
 }
 

@@ -3,9 +3,10 @@
 import { byId, setAttribute, setText } from "./dom.js";
 import { Frame } from "./frame.js";
 import { labelPlaces } from "./labels.js";
-import { planMarks, teamMarks, trailMarks } from "./marks.js";
+import { namePlace, planMarks, teamMarks, trailMarks } from "./marks.js";
 import { copy, copyOnClick, mapPlaceText, placeText } from "./places.js";
-import { showTarget, showVehicle, targetSymbol, vehicleSymbol } from "./symbols.js";
+import { flownRing, ringsOf, targetNames, targetsOf } from "./rings.js";
+import { ringSymbol, showTarget, showVehicle, targetSymbol, vehicleSymbol } from "./symbols.js";
 import { atMostEvery } from "./throttle.js";
 import { byTrouble, trouble } from "./vehicles.js";
 import { Tiles } from "./tiles.js";
@@ -72,9 +73,10 @@ export class Scene {
     this.frame = new Frame(mission);
     this.tiles.start(mission.tiles);
     for (const { marker } of this.symbols?.values() ?? []) marker.remove();
-    this.target?.marker.remove();
+    for (const { marker } of [...(this.targets ?? []), ...(this.ringNames ?? [])]) marker.remove();
     this.symbols = new Map(mission.vehicles.map((planned) => [planned.vehicle_id, this.#vehicle(planned)]));
-    this.target = this.#marked(targetSymbol());
+    this.targets = targetNames(mission).map((name) => this.#marked(targetSymbol(name)));
+    this.ringNames = (mission.rings ?? []).map((ring) => this.#marked(ringSymbol(ring)));
     this.map.getSource("plan").setData(planMarks(mission, this.frame));
     this.fit(mission.vehicles.map((planned) => planned.start_m), 0);
     this.#showSelection();
@@ -87,11 +89,24 @@ export class Scene {
     this.map.getSource("team").setData(teamMarks(this.mission, team, this.frame));
     this.drawTrails(past);
     for (const vehicle of team.vehicles) this.#showVehicle(vehicle, team);
-    this.#place(this.target.marker, team.target?.position_m ?? null);
-    if (team.target) showTarget(this.target, team.target);
-    this.#showPlace("target-place", "Target", placeText(this.mission, team.target?.position_m));
+    this.#showTargets(team);
     this.#placeLabels();
     if (this.isFollowing) this.#keepInView(team);
+  }
+
+  #showTargets(team) {
+    const targets = targetsOf(team);
+    this.targets.forEach((symbol, number) => {
+      this.#place(symbol.marker, targets[number]?.position_m ?? null);
+      if (targets[number]) showTarget(symbol, targets[number]);
+    });
+    this.ringNames.forEach(({ marker }, number) => {
+      const centre = targets[ringsOf(this.mission)[number].target]?.position_m;
+      this.#place(marker, centre ? namePlace(this.mission, number, centre, flownRing(this.mission, team, number)[0]) : null);
+    });
+    const places = targets.map((target) => placeText(this.mission, target?.position_m));
+    if (places.length === 1) this.#showPlace("target-place", "Target", places[0]);
+    else this.#showPlace("target-place", "Targets", places.map((place, number) => `${this.targets[number].name} ${place}`).join("; "));
   }
 
   /** Move the camera so that these points are seen. */
@@ -105,7 +120,7 @@ export class Scene {
 
   /** Apply the page's colours after its theme has changed. */
   recolour() {
-    for (const [, name, colour] of LINES) if (colour) this.map.setPaintProperty(name, "line-color", css(colour));
+    for (const [, name, colour] of LINES) this.map.setPaintProperty(name, "line-color", lineColour(colour));
     for (const [name, colour] of AREAS) this.map.setPaintProperty(`${name}-area`, "fill-color", css(colour));
     this.map.setPaintProperty("ground", "background-color", css("--ground"));
     this.tiles.recolour();
@@ -160,7 +175,7 @@ export class Scene {
     const kept = shown.filter(isKept);
     const vehicles = [...kept, ...shown.filter((vehicle) => !isKept(vehicle))];
     const placed = vehicles.map((vehicle) => ({ ...this.symbols.get(vehicle.vehicle_id), position_m: vehicle.position_m }));
-    if (this.team.target) placed.push({ ...this.target, position_m: this.team.target.position_m });
+    targetsOf(this.team).forEach((target, number) => target && placed.push({ ...this.targets[number], position_m: target.position_m }));
     const places = labelPlaces(
       placed.map(({ label, root, position_m }, index) => {
         const { x, y } = this.map.project(this.frame.lonLat(position_m));
@@ -182,9 +197,9 @@ export class Scene {
   #everything() {
     const seen = this.team ? this.team.vehicles.map((each) => each.position_m).filter(Boolean) : [];
     const points = seen.length ? seen : this.mission.vehicles.map((planned) => planned.start_m);
-    const target = this.team?.target;
-    const ring = this.team?.ring?.[0] ?? this.mission.ring[0];
-    return target ? [...points, ...around(target.position_m, ring)] : points;
+    const targets = this.team ? targetsOf(this.team) : [];
+    const rings = ringsOf(this.mission).map((ring, number) => [targets[ring.target], flownRing(this.mission, this.team, number)[0]]);
+    return [...points, ...rings.flatMap(([target, radius]) => (target ? around(target.position_m, radius) : []))];
   }
 
   #keepInView(team) {
@@ -252,6 +267,9 @@ const calm = () => matchMedia("(prefers-reduced-motion: reduce)").matches;
 
 const css = (name) => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
 
+/** The colour of a line: a mark's own if it has one. */
+const lineColour = (colour) => (colour ? ["coalesce", ["get", "colour"], css(colour)] : ["get", "colour"]);
+
 function style() {
   const sources = Object.fromEntries(["plan", "trails", "team"].map((name) => [name, { type: "geojson", data: EMPTY, maxzoom: 20 }]));
   const ground = { id: "ground", type: "background", paint: { "background-color": css("--ground") } };
@@ -264,7 +282,7 @@ function areaLayer([name, colour, opacity]) {
 }
 
 function lineLayer([source, name, colour, width, dashes]) {
-  const paint = { "line-color": colour ? css(colour) : ["get", "colour"], "line-width": width };
+  const paint = { "line-color": lineColour(colour), "line-width": width };
   if (dashes) paint["line-dasharray"] = dashes;
   return { id: name, type: "line", source, filter: ["==", ["get", "layer"], name], paint };
 }

@@ -37,12 +37,19 @@ export function showVehicle(symbol, vehicle, team, rotation_deg) {
   setText(symbol.label, `${sign}${symbol.id} · ${words || metres(vehicle.position_m[2])}`);
 }
 
-/** The symbol of the target. */
-export function targetSymbol() {
+/** The name of a ring. */
+export function ringSymbol({ name, colour }) {
+  const root = element("div", { class: "ring-name" }, name);
+  root.style.borderColor = colour;
+  return { root };
+}
+
+/** The symbol of a target. */
+export function targetSymbol(name) {
   const picture = drawing("svg", { viewBox: "-20 -20 40 40", "aria-hidden": "true" });
   picture.append(drawing("path", { d: "M-9,-9 L9,9 M-9,9 L9,-9", class: "target-cross" }));
   const label = element("span", { class: "label" });
-  return { root: element("div", { class: "symbol target" }, picture, label), label };
+  return { root: element("div", { class: "symbol target" }, picture, label), label, name };
 }
 
 const SIGHTING_AGE_MAX_S = 2;
@@ -52,7 +59,7 @@ export function showTarget(symbol, target) {
   const isOld = isLost || target.sighting_age_s > SIGHTING_AGE_MAX_S;
   setAttribute(symbol.root, "data-current", String(!isOld));
   const seen = isOld ? `, seen ${age(target.sighting_age_s)} ago` : "";
-  setText(symbol.label, `target${seen}${isLost ? `, within ${metres(reach(target))}` : ""}`);
+  setText(symbol.label, `${symbol.name}${seen}${isLost ? `, within ${metres(reach(target))}` : ""}`);
 }
 
 function hatching(id, colour) {

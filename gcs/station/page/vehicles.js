@@ -1,5 +1,6 @@
 /** The state of a vehicle from its picture: whether it is current, its trouble, and the text about it. */
 
+import { targetsOf } from "./rings.js";
 import { age, UNKNOWN } from "./units.js";
 
 /** Vehicles of a picture older than this, in seconds, are drawn as stale. */
@@ -13,8 +14,9 @@ const RANKS = { alarm: 0, stale: 1, warning: 2, information: 3, ended: 4 };
  */
 export function agedTeam(team, since_s) {
   if (since_s <= PICTURE_AGE_MAX_S) return team;
-  const target = team.target && { ...team.target, sighting_age_s: team.target.sighting_age_s + since_s };
-  return { ...team, wall_s: team.wall_s + since_s, target, vehicles: team.vehicles.map((vehicle) => agedVehicle(vehicle, since_s)) };
+  const targets = targetsOf(team).map((target) => target && { ...target, sighting_age_s: target.sighting_age_s + since_s });
+  const aged = team.targets ? { targets } : { target: targets[0] };
+  return { ...team, wall_s: team.wall_s + since_s, ...aged, vehicles: team.vehicles.map((vehicle) => agedVehicle(vehicle, since_s)) };
 }
 
 function agedVehicle(vehicle, since_s) {
@@ -72,8 +74,9 @@ export function headline(vehicle, team) {
 const MISSING = "MISSING";
 const TAKE_OFF = "take-off";
 
-/** A vehicle's tactic, or that it takes off, and what the guard keeps doing meanwhile: "hold, evading 1". */
+/** A vehicle's tactic with its ring if there are several, or that it takes off, and what the guard keeps doing meanwhile: "hold, evading 1". */
 export function tactic(vehicle) {
   if (vehicle.is_unaccounted) return MISSING;
-  return [vehicle.tactic || (vehicle.mode === TAKE_OFF ? TAKE_OFF : UNKNOWN), vehicle.guard].filter(Boolean).join(", ");
+  const flies = [vehicle.tactic, vehicle.ring].filter(Boolean).join(" ");
+  return [flies || (vehicle.mode === TAKE_OFF ? TAKE_OFF : UNKNOWN), vehicle.guard].filter(Boolean).join(", ");
 }

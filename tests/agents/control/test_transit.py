@@ -53,9 +53,10 @@ def test_the_way_enters_no_disc_from_outside_and_ends_at_the_goal(
     raise AssertionError(f"the way from {place} around {discs} does not end")
 
 
-@pytest.mark.parametrize("start", [(10.0, 0.0), (-10.0, 0.0), (0.0, 10.0), (3.0, -2.0)])
+@pytest.mark.parametrize("start", [(10.0, 0.0), (-10.0, 0.5), (0.0, 10.0), (3.0, -2.0)])
+@pytest.mark.parametrize("beyond_m", [-30.0, 20.0])
 def test_a_vehicle_leaves_its_ring_and_flies_to_within_reach_of_the_next(
-    make_config: Maker, start: tuple[float, float]
+    make_config: Maker, start: tuple[float, float], beyond_m: float
 ) -> None:
     """The plant of the profile, under the aims: around its own target, at the ring's speed and acceleration at most."""
     whole = make_config(vehicle_id=1, slots=(1, 2))
@@ -63,9 +64,9 @@ def test_a_vehicle_leaves_its_ring_and_flies_to_within_reach_of_the_next(
     near_m = FAR_SHARE * whole.encirclement.radius_far_m
     rings = tuple(RingConfig(name, name, 2, whole.encirclement) for name in ("here", "there"))
     config = replace(whole, rings=rings, targets=("here", "there")).on_ring(1)
-    transit, there_m = Transit(config), np.array((clear_m + near_m + 20.0, 0.0, 0.0, 0.0))
+    transit, there_m = Transit(config), np.array((clear_m + near_m + beyond_m, 0.0, 0.0, 0.0))
     motion, left = np.array([*start, 0.0, 0.0]) * np.array([radius_m / 10.0, radius_m / 10.0, 1.0, 1.0]), False
-    step, speeds_m_s, paths = exact_step(config.plant, TICK_S), [], []
+    step, speeds_m_s, paths, outwards_m = exact_step(config.plant, TICK_S), [], [], hypot(motion[0], motion[1])
     for tick in range(1200):
         own = OwnEstimate(tick * TICK_S, np.array([*motion, 0.0, 0.0]), own_spread(0.1, 0.1))
         target = TargetEstimate(tick * TICK_S, there_m, target_spread(), 0.0, 0.9, 0.1)
@@ -88,13 +89,19 @@ def test_a_vehicle_leaves_its_ring_and_flies_to_within_reach_of_the_next(
         away_m = hypot(motion[0], motion[1])
         left = left or away_m > clear_m
         assert not left or away_m > clear_m - 1.0
+        assert left or away_m > outwards_m - 0.5  # it does not cross the ring that it leaves
+        outwards_m = max(outwards_m, away_m)
         speeds_m_s.append(hypot(motion[2], motion[3]))
         paths.append(motion[:2].copy())
     assert transit.arrived
     assert hypot(*(motion[:2] - there_m[:2])) < near_m
-    assert 1.0 < max(speeds_m_s) <= config.encirclement.speed_max_m_s
+    way = np.linspace(motion[:2], there_m[:2], 100)
+    assert np.hypot(*way.T).min() > min(clear_m, hypot(motion[0], motion[1])) - 0.1  # nothing is in its way
+    if not speeds_m_s:
+        return  # it was there already
+    assert max(speeds_m_s) <= config.encirclement.speed_max_m_s
     changes = np.diff(np.array(paths), 2, axis=0) / TICK_S**2
-    assert np.hypot(*changes.T).max() <= config.encirclement.acceleration_max_m_s2
+    assert np.hypot(*changes.T).max(initial=0.0) <= config.encirclement.acceleration_max_m_s2
 
 
 def test_without_its_target_there_is_no_way(make_config: Maker) -> None:

@@ -89,10 +89,10 @@ def test_noise_at_a_threshold_changes_nothing_once_the_rule_was_met(config: Call
     one, random = config(1, (5, 5)), np.random.default_rng(4)
     chooser, found = RingChooser(one), []
     for tick in range(600):
-        seen = {"north": target(NORTH, importance=0.61 + random.normal(0.0, 0.01))}
+        seen = {"north": target(NORTH, importance=0.6 + random.normal(0.0, 0.01))}
         wanted = chooser.choose(one, (20.0, 0.0), seen, 100.0 + tick * TICK_S, on_ring=False)
         found.append(wanted)
-    assert set(found[10:]) == {Wanted(0, assigned=False)}
+    assert set(found[50:]) == {Wanted(0, assigned=False)}
     revision = chooser.revision
     fallen = {"north": target(NORTH, importance=0.5)}
     found = [chooser.choose(one, (20.0, 0.0), fallen, 160.0 + tick * TICK_S, on_ring=False) for tick in range(20)]
@@ -127,6 +127,34 @@ def test_an_operator_assigns_a_ring_against_the_rule_and_another_makes_room(conf
     moved_m = {1: (20.0, -20.0), 2: (20.0, 20.0)}
     again = choices(flown, moved_m, TARGETS, choosers, range(140, 240), on_ring=True)
     assert again == {1: Wanted(1, assigned=False), 2: Wanted(0, assigned=False)}
+
+
+def test_an_assigned_vehicle_has_its_place_before_others_that_want_it_by_the_rule(
+    config: Callable[..., AgentConfig],
+) -> None:
+    configs = {i: config(i, (1, 1), (1, 2)) for i in (1, 2)}
+    choosers = {i: RingChooser(each) for i, each in configs.items()}
+    choosers[1].assigned = 1
+    far_m, near_m = (-60.0, 0.0), (25.0, -15.0)
+    wanted = choices(configs, {1: far_m, 2: near_m}, {"south": target(SOUTH)}, choosers)
+    assert wanted == {1: Wanted(1, assigned=True), 2: None}
+
+
+def test_one_that_leaves_gives_its_place_to_another_and_one_that_holds_keeps_it(
+    config: Callable[..., AgentConfig],
+) -> None:
+    configs = {i: config(i, (1, 2), (1, 2)) for i in (1, 2)}
+    choosers = {i: RingChooser(each) for i, each in configs.items()}
+    places_m = {1: (25.0, 15.0), 2: (25.0, 10.0)}
+    before = choices(configs, places_m, TARGETS, choosers)
+    assert before == {1: Wanted(0, assigned=False), 2: Wanted(1, assigned=False)}
+    for tick, leaves in ((40, False), (140, True)):
+        for now_s in np.arange(100.0 + tick * TICK_S, 110.0 + tick * TICK_S, TICK_S).tolist():
+            if leaves:
+                choosers[1].withdraw(now_s)
+            wanted = choosers[2].choose(configs[2], places_m[2], TARGETS, now_s, on_ring=False)
+            choosers[2].receive(1, RingChoice(None, choosers[1].payload(now_s)), now_s)
+        assert wanted == Wanted(0 if leaves else 1, assigned=False)
 
 
 def test_a_ring_is_kept_while_its_target_is_not_seen(config: Callable[..., AgentConfig]) -> None:

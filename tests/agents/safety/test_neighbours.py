@@ -1,21 +1,23 @@
 """Bodies made of messages: where they are, how far to keep away, who counts, and for how long."""
 
 from collections.abc import Callable
+from dataclasses import replace
 from math import hypot
 
 import numpy as np
 import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
+from msgspec import structs
 
 from agents.core import VehicleCore
 from agents.inputs import Message, Presence, TacticEvent
 from agents.safety.guard import Guard
 from agents.safety.neighbours import A_FEW, GOING_ON_S, UNPUBLISHED_ACCELERATION_M_S2, Neighbours
-from agents.settings.config import AgentConfig
+from agents.settings.config import AgentConfig, RingConfig
 from agents.situation.situation import Situation
 from agents.tactics import Event
-from agents.team.messages import MemberState
+from agents.team.messages import MemberState, RingChoice
 from estimation.plant.model import exact_step
 from estimation.state import OwnEstimate, Telemetry
 from tests.conftest import CONFIG, STUB
@@ -271,3 +273,50 @@ def test_a_silent_vehicle_that_flew_ahead_may_have_stopped(make_config: Maker) -
     here = situation(11.2, moving_m_s=(3.0, 0.0))
     ahead = member(10.0, position=(6.0, 0.0), velocity=(3.0, 0.0), setpoint=(9.0, 0.0))
     assert Neighbours(config).exposed(here, [ahead], np.array([3.0, 0.0])) == [ahead]
+
+
+STACKED_M = {"low": 8.0, "middle": 11.0, "high": 14.0}
+
+
+def stacked(config: AgentConfig, ring: int, spread_m: float = 0.0) -> AgentConfig:
+    """Return a configuration on one of three rings at these altitudes, whose vehicles' heights differ by a spread."""
+    rings = tuple(
+        RingConfig(name, "", 2, config.encirclement.model_copy(update={"altitude_m": altitude_m}))
+        for name, altitude_m in STACKED_M.items()
+    )
+    return replace(config, rings=rings, layers_from_m=config.altitude_m + spread_m).on_ring(ring)
+
+
+def on_a_ring(ring: int | None, altitude_m: float, tactic: str = "encircle") -> MemberState:
+    return structs.replace(member(10.0, tactic, altitude_m=altitude_m), choice=RingChoice(ring))
+
+
+@pytest.mark.parametrize(
+    ("own_ring", "its_ring", "its_altitude_m", "tactic", "encircles", "counts"),
+    [
+        (0, 0, 8.0, "encircle", True, True),  # on one ring
+        (0, 1, 11.0, "encircle", True, False),  # on the ring above
+        (0, 2, 9.0, "encircle", True, True),  # still below its ring, on its way up
+        (0, 1, 12.0, "transit", True, False),
+        (0, 0, 14.0, "transit", True, True),  # it comes down to this ring
+        (2, 0, 8.0, "encircle", True, True),  # this vehicle, at 8 m, is still below its ring: it climbs through
+        (2, 1, 11.0, "encircle", True, True),
+        (2, 1, 11.0, "encircle", False, False),  # it does not climb: it holds at 8 m
+        (0, 2, 14.0, "hold", True, False),
+    ],
+)
+def test_vehicles_of_rings_above_each_other_keep_apart_only_where_their_heights_may_meet(
+    make_config: Maker, own_ring: int, its_ring: int, its_altitude_m: float, tactic: str, encircles: bool, counts: bool
+) -> None:
+    """This vehicle is at 8 m; 2 m of vertical separation are enough."""
+    neighbours = Neighbours(stacked(make_config(altitude_m=HEIGHT_M), own_ring))
+    assert make_config().safety.vertical_separation_m == 2.0
+    peer = on_a_ring(its_ring, its_altitude_m, tactic)
+    assert bool(neighbours.bodies(situation(10.0), [peer], (), encircles=encircles)) == counts
+
+
+def test_the_heights_of_a_ring_include_its_tilt_and_the_differences_of_the_vehicles_heights(make_config: Maker) -> None:
+    flat = stacked(make_config(altitude_m=HEIGHT_M), 0)
+    tilted = flat.with_flown(1, flat.rings[1].encirclement.model_copy(update={"tilt_deg": 10.0}))
+    for config, counts in ((flat, False), (stacked(make_config(altitude_m=HEIGHT_M), 0, 1.5), True), (tilted, True)):
+        assert bool(Neighbours(config).bodies(situation(10.0), [on_a_ring(1, 11.0)], ())) == counts

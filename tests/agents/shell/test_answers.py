@@ -116,6 +116,7 @@ WEDGE = "in the shape 'wedge'"
 PLACE, LATER_PLACE = f"takes its place {WEDGE}", f"will take its place, once in formation, {WEDGE}"
 RING = "will fly, once it encircles, a ring of 12 m"
 OVER = "refused: its mission is over"
+ONE_RING = "refused: the mission has one ring, which every vehicle flies"
 LOST = "; its link is lost"
 ANSWERS: Mapping[str, tuple[str, ...]] = {
     # hold, resume, land, rtl, abort, formation, ring
@@ -156,7 +157,7 @@ ANSWERS: Mapping[str, tuple[str, ...]] = {
     "motors being cut": (CUT,) * 7,
     "ended": (DOWN,) * 7,
 }  # fmt: skip
-STEERING: tuple[Verb, ...] = ("hold", "resume", "land", "rtl", "abort", "formation", "ring")
+STEERING: tuple[Verb, ...] = ("hold", "resume", "land", "rtl", "abort", "formation", "ring", "assign")
 BECOMES = {
     "holds": {Tactic.HOLD},
     "resumes": {Tactic.FORMATION},
@@ -174,7 +175,9 @@ def test_every_answer_is_true(name: str) -> None:
     # What is refused changes nothing.
     flights: list[tuple[Verb, ...]] = [STEERING] if refuses else [(verb,) for verb in STEERING]
     found = [each for verbs in flights for each in answered(SITUATIONS[name], *verbs)]
-    assert [did for did, _ in found] == list(ANSWERS[name])
+    *expected, of_ring = ANSWERS[name]
+    assigned = of_ring if of_ring in (GROUND, DOWN, CUT) else ONE_RING
+    assert [did for did, _ in found] == [*expected, of_ring, assigned]
     for did, tactic in found:
         if (after := BECOMES.get(did.split(" ")[0].strip(",;"))) is not None:
             assert tactic in after, did

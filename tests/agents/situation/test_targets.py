@@ -77,3 +77,26 @@ def test_a_mission_of_one_target_has_one_filter(make_config: Maker) -> None:
     assert expected is not None
     assert np.array_equal(found.mean, expected.mean)
     assert (whole.sighted_s, whole.resets) == (alone.sighted_s, alone.resets)
+
+
+def test_sightings_without_a_name_are_associated_from_the_first_of_them_on(make_config: Maker) -> None:
+    """Two targets 40 m apart: what is seen near one is of that one."""
+    config, random = two(make_config(vehicle_id=1)), np.random.default_rng(2)
+    whole = TargetEstimates(config)
+    for tick in range(200):
+        now_s, named = tick * 0.2, tick < 50
+        x, y = 0.5 * now_s, 20.0 + random.normal(0.0, 0.2)
+        whole.sight(
+            [
+                sighting(now_s, x, y, "north" if named else None),
+                sighting(now_s, 40.0, -20.0, "south" if named else None),
+            ]
+        )
+        followed, resets = whole.estimate(now_s), whole.resets
+        assert resets == 0
+        if tick > 5:
+            assert followed is not None
+            assert abs(followed.mean[0] - 0.5 * now_s) < 1.0
+            assert abs(followed.mean[1] - 20.0) < 1.0
+    assert sorted(whole.estimates) == ["north", "south"]
+    assert whole.sighted_s == 199 * 0.2

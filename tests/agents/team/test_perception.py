@@ -133,3 +133,25 @@ def test_a_reason_is_reported_once_and_counted_every_time() -> None:
             perception.take(json.dumps(GOOD | changes).encode(), NOW_S, 1.0)
     assert perception.refused == {Refusal.FRAME: 5, Refusal.FUTURE: 5}
     assert len(told) == 2
+
+
+def test_a_sighting_names_one_of_several_targets_or_none() -> None:
+    told: list[str] = []
+    perception = Perception(EARTH, told.append, ("north", "south"))
+    for name in (None, "south", "nort", "south\n", "north"):
+        given = GOOD if name is None else GOOD | {"target": name}
+        sighting = perception.take(json.dumps(given).encode(), NOW_S, 1.0)
+        known = name in (None, "north", "south")
+        assert (sighting is not None) is known
+        assert sighting is None or sighting.target == name
+    assert perception.refused == {Refusal.TARGET: 2}
+    assert len(told) == 1
+    assert "'nort', known: north, south" in told[0]
+
+
+def test_the_only_target_has_no_name() -> None:
+    sighting, perception, told = take({"target": "north"})
+    assert sighting is None
+    assert perception.refused == {Refusal.TARGET: 1}
+    assert "leave it out" in told[0]
+    assert take()[0].target is None

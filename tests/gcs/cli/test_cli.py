@@ -17,7 +17,7 @@ from typing import Any
 import pytest
 
 from gcs.cli import app
-from gcs.cli.options import with_stubs
+from gcs.cli.options import bus_mission, with_stubs
 from gcs.errors import Exit
 from gcs.flight.faults.catalogue import FAULTS
 from gcs.mission.file import bundled_missions
@@ -26,6 +26,7 @@ from tests.conftest import Ran, RunHere
 from tests.support import installation
 from tests.support.paths import DATA, MISSIONS
 from tests.support.result_keys import OUTPUT_KEYS
+from tests.support.several_rings import with_rings
 from tests.support.wire import PATIENCE_S, until_now
 from tests.support.wording import facts_missing
 
@@ -163,7 +164,10 @@ def test_the_bundled_missions_are_listed_with_what_they_are_for(run_here: RunHer
         mission = tomllib.loads((MISSIONS / f"{each['mission']}.toml").read_text(encoding="utf-8"))
         assert each["description"] == mission["mission"]["description"]
         assert line.endswith(each["description"])
-        assert each["radius_m"] == mission["encirclement"]["radius_m"]
+        rings = [mission["encirclement"] | ring for ring in mission.get("rings", [{}])]
+        assert each["radius_m"] == rings[0]["radius_m"]
+        radii = ", ".join(dict.fromkeys(f"{ring['radius_m']:g} m" for ring in rings))
+        assert f"  {radii}  " in line
         assert each["vehicles"] == len(mission["vehicles"])
 
 
@@ -293,6 +297,9 @@ REFUSED: tuple[tuple[str, ...], ...] = (
     ("command formation star", "'star'", "line, column, wedge"),
     ("command ring", "radius=15"),
     ("command ring 15", "15: give", "radius=METRES"),
+    ("command ring north radius=15", "north: give", "one ring, without a name"),
+    ("command assign 2 north", "assign: case2 has one ring"),
+    ("command assign 2 north --vehicle 2", "--vehicle: assign names its vehicle"),
     ("command ring radius=nan", "radius=nan: give"),
     ("command ring radius=12 radius=13", "radius=13: give"),
     ("command ring radius=0.1", "encirclement.radius_m", "0.1"),
@@ -325,6 +332,40 @@ def test_a_command_line_that_makes_no_sense_is_told_and_refused(refused: Refused
     for line, *facts in REFUSED:
         with subtests.test(line=line):
             assert facts_missing("\n".join(refused(*shlex.split(line))), *facts) == []
+
+
+OF_SEVERAL_RINGS = (
+    ("ring", "radius=15", "north, south, high"),
+    ("ring radius=15", "ring: name the ring first", "ring north radius=15", "rings: north, south, high"),
+    ("ring nort radius=15", "nort: ", "did you mean 'north'?", "rings: north, south, high"),
+    ("ring east radius=15", "east: ", "rings: north, south, high"),
+    ("ring north", "ring: give radius=METRES"),
+    ("ring north 15", "15: give radius=METRES"),
+    ("ring north radius=0.1", "ring 'north': a radius of 0.1 m: more than 1.5 m"),
+    # 0.8 of 3 m/s, less the 0.1 m/s of the target of north only, whose ring has 10 m; that of south has 14 m.
+    ("ring south rate=0.18", "ring 'south': 0.18 rad/s at 14 m: at most 0.171 rad/s"),
+    ("ring north rate=0.24", "ring 'north': 0.24 rad/s at 10 m: at most 0.230 rad/s"),
+    ("ring south radius=20", "ring 'south': a radius of 20 m", "at most 15 m"),
+    ("ring high altitude=-20", "ring 'high'.altitude_m: ", "-20"),
+    ("ring south radius=12 --vehicle 2", "--vehicle: ring commands the whole team"),
+    ("assign", "assign VEHICLE RING", "assign 1 north", "assign VEHICLE auto", "nothing"),
+    ("assign north 2", "assign VEHICLE RING", "north 2"),
+    ("assign 2", "assign VEHICLE RING", "given: 2"),
+    ("assign 9 north", "assign: the mission has no vehicle 9 (it has 1, 2, 3)"),
+    ("assign 2 hihg", "hihg: ", "did you mean 'high'?"),
+    ("assign 2 high --vehicle 2", "--vehicle: assign names its vehicle"),
+)
+
+
+def test_a_ring_is_commanded_by_its_name_within_its_own_bounds(
+    refused: Refused, subtests: pytest.Subtests, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Case 2 with three rings; no team flies it, so what is not refused finds no vehicle."""
+    several = with_rings(bus_mission("case2"))
+    monkeypatch.setattr("gcs.cli.command.bus_mission", lambda *_: several)
+    for line, *facts in OF_SEVERAL_RINGS:
+        with subtests.test(line=line):
+            assert facts_missing("\n".join(refused("command", *shlex.split(line))), *facts) == []
 
 
 def test_flights_are_compared(run_here: RunHere) -> None:

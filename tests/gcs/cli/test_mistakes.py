@@ -54,6 +54,15 @@ MISTAKES = (
         "one port for two", ("14541", "14540"), SIM, ("[1].url: 14540", "vehicles[0]", "own"), "udpin://127.0.0.1:14540"
     ),
     Mistake("a small ring", (RADIUS, "radius_m = 1.5"), SIM, ("3 vehicles", "3.0 m", "1.74 m"), "radius_m = 1.5"),
+    Mistake(
+        "a target that is not there",
+        NOTHING,
+        "target 35 -5 --target nort --mission two-targets",
+        ("'nort'", "north, south"),
+    ),
+    Mistake(
+        "a name for the only target", NOTHING, "target 35 -5 --target it --mission case2", ("'it'", "leave it out")
+    ),
     Mistake("no mission", NOTHING, "sim", ("--mission", "next: cordon sim --help")),
     Mistake("no such command", NOTHING, "simulate case2", ('"simulate"', "next: cordon --help")),
     Mistake("typo in an option", NOTHING, "sim case2 --sede 3", ("--sede", "--seed", "next: cordon sim --help")),

@@ -1,12 +1,14 @@
 """What an operator's client takes in: the clocks of the mission's vehicles, and answers on their own keys."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from functools import partial
 
 import pytest
+from msgspec.structs import replace
 
 from agents.team.codec import decode, encode
 from agents.team.messages import (
+    MISSION_RING,
     TIME_MAX_S,
     BusMessage,
     CommandAnswer,
@@ -14,18 +16,21 @@ from agents.team.messages import (
     CommandKey,
     MemberState,
     OperatorCommand,
+    RingChoice,
     RingValues,
     StartProposal,
     VehicleReport,
 )
 from agents.team.participant import Participant
 from gcs.console.command_client import CommandClient, TeamClock, _Sent
+from gcs.console.ring_change import bounds_of_ring, ring_faults
 from gcs.errors import InputError
 from gcs.keys.identity import Identity
 from gcs.mission.file import load_mission
 from gcs.mission.mission import Mission
 from gcs.preflight.mission import ring_change_faults
 from tests.support.mission_text import INSECURE
+from tests.support.several_rings import HIGH, NORTH, SOUTH, with_rings
 
 
 def clock(times_s: dict[int, float], received_s: float = 10.0) -> TeamClock:
@@ -111,7 +116,7 @@ async def test_the_end_of_a_flight_that_arrives_before_the_answer_to_the_kill_do
 class RingingBus(ScriptedBus):
     """Sends states of vehicles, each with the commanded ring that it has, and the vehicles' answers to commands."""
 
-    def __init__(self, mission: Mission, rings: dict[int, CommandedRing | None]) -> None:
+    def __init__(self, mission: Mission, rings: Mapping[int, CommandedRing | RingChoice | None]) -> None:
         super().__init__()
         self._mission, self._rings = mission, rings
         self.sent: list[OperatorCommand] = []
@@ -121,7 +126,9 @@ class RingingBus(ScriptedBus):
         here = (0.0, 0.0)
         for vehicle_id, ring in self._rings.items():
             on_message(StartProposal(vehicle_id, 100.0, 0.0, mission=self._mission.identity))
-            on_message(MemberState(vehicle_id, 100.0, "encircle", here, here, here, here, ring=ring))
+            state = MemberState(vehicle_id, 100.0, "encircle", here, here, here, here)
+            name = "choice" if isinstance(ring, RingChoice) else "ring"
+            on_message(replace(state, **{name: ring}))
 
     def publish(self, *sent: object) -> None:
         _, payload = sent
@@ -130,7 +137,7 @@ class RingingBus(ScriptedBus):
         assert isinstance(command, OperatorCommand)
         self.sent.append(command)
         for each in self._rings:
-            self._on_message(CommandAnswer(each, 100.0, command.number, "changes", "ring", "pat", "obeyed"))
+            self._on_message(CommandAnswer(each, 100.0, command.number, "changes", command.verb, "pat", "obeyed"))
 
 
 SLOW, FAST = CommandedRing(None, 0.0, 0.05, 90.0), CommandedRing(None, 0.0, 0.2, 95.0)
@@ -170,3 +177,67 @@ async def test_a_value_of_the_ring_alone_is_checked_with_the_ring_that_was_comma
         with pytest.raises(InputError, match="m/s"):
             await command
         assert bus.sent == []
+
+
+ALL_MISSION, SOUTH_FAST = (MISSION_RING,) * 3, (MISSION_RING, FAST, MISSION_RING)
+SOUTH_NARROW, HIGH_WIDE = (MISSION_RING, NARROW, MISSION_RING), (MISSION_RING, MISSION_RING, WIDE)
+
+
+@pytest.mark.parametrize(
+    ("rings", "number", "values", "is_sent"),
+    [
+        # 2.4 m/s about the target at rest, 2.3 m/s about the other. South: 14 m at 0.06 rad/s; high: 8 m at -0.1 rad/s.
+        ((), SOUTH, RingValues(None, 0.17), True),
+        ((), SOUTH, RingValues(None, 0.18), False),
+        (SOUTH_NARROW, SOUTH, RingValues(None, 0.18), True),
+        (HIGH_WIDE, SOUTH, RingValues(None, 0.17), True),
+        (HIGH_WIDE, HIGH, RingValues(None, -0.18), False),
+        (ALL_MISSION, HIGH, RingValues(None, -0.29), True),
+        (SOUTH_FAST, SOUTH, RingValues(13.0), False),
+        (SOUTH_FAST, SOUTH, RingValues(11.0), True),
+        (SOUTH_FAST, HIGH, RingValues(13.0), True),
+        ((FAST,), HIGH, RingValues(13.0), True),
+        (ALL_MISSION, NORTH, RingValues(10.0, 0.235), False),
+        (ALL_MISSION, SOUTH, RingValues(10.0, 0.235), True),
+    ],
+)
+async def test_a_value_of_one_of_several_rings_is_checked_with_that_ring(
+    mission_file: Callable[..., str],
+    rings: tuple[CommandedRing, ...],
+    number: int,
+    values: RingValues,
+    is_sent: bool,
+) -> None:
+    mission = with_rings(load_mission(mission_file("case2", INSECURE)))
+    client = CommandClient(mission, Identity(Participant("operator", "pat")))
+    bus = RingingBus(mission, {1: RingChoice(0, b"", rings), 2: RingChoice(None), 3: None})
+    client._bus = bus  # type: ignore[assignment]
+    faults = partial(ring_faults, mission, number, values)
+    command = client.command("ring", mission.ids, None, values, ring_faults=faults, ring_number=number)
+    if is_sent:
+        await command
+        assert {(each.ring, each.ring_number, each.vehicle) for each in bus.sent} == {(values, number, None)}
+    else:
+        with pytest.raises(InputError, match=f"ring '{mission.rings[number].name}': .* rad/s"):
+            await command
+        assert bus.sent == []
+
+
+def test_a_ring_has_room_for_the_vehicles_that_it_has_places_for(mission_file: Callable[..., str]) -> None:
+    mission = with_rings(load_mission(mission_file("case2")))
+    assert bounds_of_ring(mission, SOUTH).radius_min_m == pytest.approx(3.0 / 2.0), "two are opposite each other"
+
+
+@pytest.mark.parametrize("number", [HIGH, None])
+async def test_one_vehicle_is_assigned_to_a_ring_by_its_number(
+    mission_file: Callable[..., str], number: int | None
+) -> None:
+    mission = with_rings(load_mission(mission_file("case2", INSECURE)))
+    client = CommandClient(mission, Identity(Participant("operator", "pat")))
+    bus = RingingBus(mission, dict.fromkeys(mission.ids))
+    client._bus = bus  # type: ignore[assignment]
+    answers = await client.command("assign", (3,), 3, ring_number=number)
+    assert {(each.verb, each.vehicle, each.ring_number, each.ring) for each in bus.sent} == {
+        ("assign", 3, number, None)
+    }
+    assert [each is not None and each.did for each in answers.values()] == ["changes"]

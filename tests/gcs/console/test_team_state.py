@@ -1,7 +1,9 @@
 """What a listener makes of a team's words, and the table and lines that show it."""
 
+import re
 from io import StringIO
 
+import msgspec
 from msgspec import structs
 from msgspec.structs import replace
 from rich.console import Console
@@ -13,6 +15,8 @@ from agents.team.messages import (
     MemberState,
     NeighbourAngle,
     OperatorCommand,
+    RingChoice,
+    RingValues,
     VehicleReport,
 )
 from estimation.frames import MissionFrame
@@ -164,6 +168,45 @@ def test_the_table_shows_every_number_with_its_unit_in_eighty_columns() -> None:
     assert max(map(len, lines)) <= 80
     assert "pilot override" in rendered([near], 120)[2]
     assert "17.3 to 2" in rendered([ROW], 120)[2]
+
+
+def test_of_several_rings_each_vehicles_own_is_beside_its_tactic() -> None:
+    picture = TeamState((1, 2, 3, 4), rings=("north", "the far away one"))
+    chosen = {1: RingChoice(0), 2: RingChoice(1), 3: RingChoice(None), 4: RingChoice(5)}
+    for vehicle_id, choice in chosen.items():
+        picture.receive(structs.replace(state(vehicle_id), tactic="encircle", choice=choice), 0.0)
+    rows = picture.rows(0.1)
+    assert [row.ring for row in rows] == ["north", "the far away one", "", ""]
+    shown = [re.match(r"\S+ +(.*?) +0\.1 ", line) for line in rendered(rows, 120)[2:]]
+    assert [each and each[1] for each in shown] == [
+        "encircle north",
+        "encircle the far away one",
+        "encircle",
+        "encircle",
+    ]
+    narrow = rendered([structs.replace(row, nearest_m=17.3, fence_margin_m=-14.3, age_s=12.1) for row in rows])
+    assert [line.split()[1:4] for line in narrow[2:4]] == [["on", "north", "12.1"], ["on", "the", "f…"]]
+    assert " 12.1 " in narrow[3]
+    assert max(map(len, narrow)) <= 80
+    assert " #2 encircle the far away one x=" in watch_line(rows, 1.0, "")
+    (unnamed,) = TeamState((1,)).rows(0.0)
+    assert unnamed.ring is msgspec.UNSET
+    assert "ring" not in msgspec.to_builtins(unnamed)
+
+
+def test_commands_name_the_ring_that_they_are_for() -> None:
+    picture = TeamState((1, 2), rings=("north", "south"))
+    command = OperatorCommand(100.0, "ring", None, "pat", 1, ring=RingValues(12.0), ring_number=1)
+    picture.receive(command, 0.0)
+    picture.receive(OperatorCommand(100.0, "assign", 2, "pat", 2, ring_number=0), 0.0)
+    picture.receive(OperatorCommand(100.0, "assign", 2, "pat", 3), 0.0)
+    picture.receive(OperatorCommand(100.0, "hold", 2, "pat", 4), 0.0)
+    assert [each.line for each in picture.new_events(0.0)] == [
+        "command from pat to all vehicles: ring south",
+        "command from pat to vehicle 2: assign north",
+        "command from pat to vehicle 2: assign auto",
+        "command from pat to vehicle 2: hold",
+    ]
 
 
 def test_the_line_leaves_out_what_is_not_known() -> None:

@@ -111,3 +111,8 @@ def test_drills_are_chosen_by_name() -> None:
     assert [drill.fault for drill in chosen(["killed-agent", "gps jump"])] == ["GPS jump", "killed agent"]
     with pytest.raises(InputError, match=r"--fault: there is no fault 'fire'; the faults are .*killed-agent"):
         chosen(["fire"])
+
+
+def test_a_mission_of_several_rings_is_refused() -> None:
+    with pytest.raises(InputError, match="one ring, and the mission has 3"):
+        drill_mission("stack", ())

@@ -22,3 +22,11 @@ def test_telemetry_becomes_sightings_at_the_sensors_rate(telemetry_hz: float, se
     assert {one.covariance_m2 for one in seen} == {(0.25, 0.0, 0.25)}
     assert {(one.importance, one.threat) for one in seen} == {(0.8, 0.2)}
     assert np.diff([one.time_s for one in seen]).min() > 0.1
+
+
+def test_sightings_of_one_of_several_targets_have_its_name() -> None:
+    seen: list[Sighting] = []
+    sightings_of(load_mission("two-targets").targets[1], seen.append, "south")(
+        Telemetry(0.0, (3.0, 4.0, 7.0), (0.0, 1.0, 0.0))
+    )
+    assert [one.target for one in seen] == ["south"]

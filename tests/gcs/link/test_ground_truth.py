@@ -14,7 +14,7 @@ from gcs.autopilots import ardupilot, px4
 from gcs.autopilots.autopilot import TruthMessage
 from gcs.flight.team import TrueSensor
 from gcs.link.ground_truth import GroundTruth
-from sitl.world import SensorModel, SimulatedSensor, TargetMotion
+from sitl.world import SensorModel, SimulatedSensor, SimulatedSensors, TargetMotion
 
 FRAME = MissionFrame(Geodetic(47.397742, 8.545594, 488.0), x_bearing_rad=radians(90.0))
 SYSTEM = 4
@@ -110,6 +110,21 @@ def test_a_delayed_sighting_holds_the_error_of_its_own_time() -> None:
             seen_m[sighting.time_s] = sighting.position_m[0] - 20.0
     assert len(seen_m) > 10
     assert seen_m == pytest.approx({time_s: time_s for time_s in seen_m})
+
+
+def test_sightings_of_several_targets_hold_the_errors_of_their_own_times() -> None:
+    sensors = [
+        SimulatedSensor(1, SensorModel(30.0, 5.0, 0.0, 1.0, 0.0, delay_s=delay_s), TargetMotion((20.0, y)), 0.0, 0)
+        for delay_s, y in ((0.0, 1.0), (0.4, 2.0), (3.0, 3.0))
+    ]
+    wandering = TrueSensor(SimulatedSensors(sensors), lambda _: (12.0, 0.0), lambda now_s: (12.0 + now_s, 0.0))
+    seen_of: dict[float, list[tuple[float, float]]] = {1.0: [], 2.0: [], 3.0: []}
+    for tick in range(300):
+        for sighting in wandering.sight(tick / 10.0, (0.0, 0.0)):
+            seen_of[sighting.position_m[1]].append((sighting.time_s, sighting.position_m[0] - 20.0))
+    for seen_m in seen_of.values():
+        assert len(seen_m) > 130
+        assert [off_m for _, off_m in seen_m] == pytest.approx([time_s for time_s, _ in seen_m])
 
 
 def test_the_range_of_a_sensor_counts_from_the_truth() -> None:

@@ -150,6 +150,7 @@ def test_a_ring_that_all_have_left_is_judged_until_then() -> None:
     ]
     result = judged(replace(record, vehicles=(*record.vehicles[:3], *leaving)))
     north = result.rings[1].result
+    assert north.window_s is not None
     assert north.window_s == pytest.approx((ENGAGES_S, MOVES_S - STEP_S))
     assert [each.radius_error_rms_m for each in north.vehicles] == pytest.approx([0.3, 0.3])
     assert result.verdicts.c1 is False
@@ -339,3 +340,28 @@ def test_a_command_of_the_present_ring_changes_nothing_and_its_number_is_left_ou
         values = event.to_dict()["ring"]
         assert isinstance(values, dict)
         assert values.get("ring") == (number or None)
+
+
+@pytest.mark.parametrize(("above_m", "closest_m"), [(3.0, 5.0), (2.0, 0.0), (None, None)])
+def test_vehicles_above_each_other_are_separated_by_their_heights(
+    above_m: float | None, closest_m: float | None
+) -> None:
+    """Two on one circle, one above the other; a third 5 m beside them in height of the first."""
+    mission = two_rings()
+    settings = [each.encirclement.model_copy(update={"altitude_m": 8.0}) for each in mission.rings]
+    rings = tuple(replace(each, encirclement=ring) for each, ring in zip(mission.rings, settings, strict=True))
+    stacked = replace(mission, rings=rings, safety=mission.safety.model_copy(update={"vertical_separation_m": 3.0}))
+    still = np.zeros((TIME_S.size, 2))
+    heights_m = (None,) * 3 if above_m is None else (8.0, 8.0 + above_m, 8.0)
+    tracks = [
+        VehicleTrack(
+            number,
+            still + np.array((0.0, y)),
+            still,
+            np.full(TIME_S.size, "formation"),
+            altitude_m=None if height_m is None else np.full(TIME_S.size, height_m),
+        )
+        for number, y, height_m in zip((1, 2, 3), (0.0, 0.0, 5.0), heights_m, strict=True)
+    ]
+    assert evaluated(stacked, flown(*tracks)).closest_approach_m == closest_m
+    assert evaluated(mission, flown(*tracks)).closest_approach_m == 0.0

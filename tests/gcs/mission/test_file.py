@@ -30,6 +30,8 @@ BUNDLED = [
     "mixed-team",
     "px4-trio",
     "shaped-trio",
+    "stack",
+    "two-targets",
 ]
 
 

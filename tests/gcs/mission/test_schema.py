@@ -37,6 +37,35 @@ def test_what_no_mission_may_have_is_refused(subtests: pytest.Subtests) -> None:
             assert not VALIDATOR.is_valid(mission)
 
 
+SEVERAL = {
+    "target": {"importance": 0.9, "sensor": {"range_m": 60.0}},
+    "targets": [{"name": name, "start_m": [40.0, y], "threat": 0.1} for name, y in (("north", 20.0), ("south", -20.0))],
+    "encirclement": {"radius_m": 10.0},
+    "rings": [{"target": name, "places": 2, "angular_rate_rad_s": 0.1} for name in ("north", "south")],
+}
+
+
+def test_tables_of_several_targets_and_rings_share_keys(subtests: pytest.Subtests) -> None:
+    several = content() | SEVERAL
+    assert VALIDATOR.is_valid(several)
+    assert VALIDATOR.is_valid(drop(drop(several, ("target",)), ("encirclement",)))
+    for number, wrong in enumerate(
+        [
+            drop(several, ("targets",)),
+            drop(several, ("rings",)),
+            drop(several, ("targets", 0, "name")),
+            drop(several, ("rings", 1, "places")),
+            put(several, ("targets", 0, "coast_s"), 1.0),
+            put(several, ("targets", 0, "colour"), 1),
+            put(several, ("rings", 0, "colour"), 1),
+            put(several, ("rings",), []),
+            put(several, ("targets",), 9 * SEVERAL["targets"]),  # type: ignore[operator]  # a list
+        ]
+    ):
+        with subtests.test(number=number):
+            assert not VALIDATOR.is_valid(wrong)
+
+
 def test_addresses_of_vehicles_may_be_left_out() -> None:
     mission = drop(drop(content(), ("vehicles", 0, "url")), ("vehicles", 0, "endpoint"))
     assert VALIDATOR.is_valid(mission)

@@ -12,6 +12,7 @@ from gcs.console import command_client
 from gcs.mission.file import load_mission
 from tests.support.mission_text import INSECURE
 from tests.support.page.station import AnsweringTeam, Station, answering_team, asked, commanding, received, station
+from tests.support.several_rings import with_rings
 from tests.support.wire import PATIENCE_S, until
 
 pytestmark = pytest.mark.wire
@@ -98,6 +99,8 @@ async def test_what_is_not_confirmed_or_not_known_is_not_sent(
         "a foreign vehicle": (asked("6", "hold", [1, 9]), "vehicles"),
         "a verb that needs more": (asked("7", "formation"), "may not"),
         "a ring without values": (asked("11", "ring"), "no value"),
+        "a ring by a number": (asked("17", "ring", ring=[12.0, None], ring_number=1), "one, without a name"),
+        "an assignment": (asked("18", "assign", [1], ring_number=0), "one ring"),
         "a ring of some": (asked("12", "ring", [1], ring=[12.0, None]), "the whole team"),
         "a ring out of sight of the target": (asked("13", "ring", ring=[20.0, None]), "sensor range"),
     }
@@ -131,6 +134,37 @@ async def test_what_is_not_confirmed_or_not_known_is_not_sent(
             assert "2.80 m/s along the ring" in answer["did"]
             assert answer["is_final"]
             assert len(team.numbers("ring")) == 2
+
+
+async def test_one_of_several_rings_is_changed_and_vehicles_are_assigned_to_it(
+    mission_file: Callable[..., str], tmp_path: Path, subtests: pytest.Subtests
+) -> None:
+    mission = with_rings(load_mission(mission_file("case2", INSECURE)))
+    refused = {
+        "no ring": (asked("1", "ring", ring=[12.0, None]), "names no ring"),
+        "a ring that there is not": (asked("2", "ring", ring=[12.0, None], ring_number=3), "north, south, high"),
+        "a ring beyond its own bounds": (asked("3", "ring", ring=[None, 0.18], ring_number=1), "ring 'south'"),
+        "a ring of some": (asked("4", "ring", [1], ring=[12.0, None], ring_number=1), "the whole team"),
+        "an assignment of all": (asked("5", "assign", ring_number=1), "select"),
+        "to a ring that there is not": (asked("6", "assign", [1], ring_number=4), "north, south, high"),
+    }
+    async with answering_team(mission) as team, station(mission, tmp_path) as running:
+        await until(lambda: running.tactics == team.tactics)
+        async with running.connected() as page:
+            await commanding(page)
+            for name, (request, word) in refused.items():
+                with subtests.test(name):
+                    await page.send(request)
+                    answer = await received(page, "answer")
+                    assert answer["did"].startswith("refused: ")
+                    assert word in answer["did"]
+            assert team.received == []
+            await page.send(asked("7", "ring", ring=[12.0, None], ring_number=1))
+            await page.send(asked("8", "assign", [1, 3], ring_number=2))
+            await page.send(asked("9", "assign", [2]))
+            await until(lambda: len(team.numbers("ring")) == 1 and len(team.numbers("assign")) == 3)
+    sent = {(each.verb, each.vehicle, each.ring_number) for _, each in team.received}
+    assert sent == {("ring", None, 1), ("assign", 1, 2), ("assign", 3, 2), ("assign", 2, None)}
 
 
 async def test_a_request_is_sent_once_and_to_its_end_though_its_page_is_gone(

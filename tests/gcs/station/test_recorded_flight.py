@@ -9,7 +9,7 @@ import msgspec
 import pytest
 
 from agents.inputs import Start
-from agents.team.messages import AutopilotReport
+from agents.team.messages import AutopilotReport, RingValues
 from estimation.state import Telemetry
 from gcs.console.vehicle_view import VehicleView
 from gcs.flightlog.container import LogError
@@ -17,8 +17,9 @@ from gcs.flightlog.reader import FlightLog, read_log
 from gcs.flightlog.records import Decision
 from gcs.mission.mission import Mission
 from gcs.station.picture import FlightPicture
-from gcs.station.recorded_flight import _VEHICLE_PICTURES, PICTURES_HZ, recorded_flight
+from gcs.station.recorded_flight import _VEHICLE_PICTURES, PICTURES_HZ, _with_ring, recorded_flight
 from tests.support.flight_logs import engaging, record_simulation
+from tests.support.mission_text import content, parsed
 from tests.support.paths import DATA
 
 pytestmark = pytest.mark.slow
@@ -184,3 +185,35 @@ def test_a_log_without_a_tick_has_nothing_to_show(log: FlightLog) -> None:
     run_alone = FlightLog(log.path, log.run_records, {}, [])
     with pytest.raises(LogError, match="no tick"):
         recorded_flight(run_alone)
+
+
+def test_a_flight_over_several_rings_shows_each_vehicles_ring_and_every_target(tmp_path: Path) -> None:
+    """The boat moves at 0.1 m/s along x, the buoy is at rest; sensors are without noise."""
+    told = content()
+    target, ring = told.pop("target"), told.pop("encirclement")
+    sensor = {"range_m": 60.0}
+    boat = target | {"name": "boat", "start_m": [13.0, -5.0], "velocity_m_s": [0.1, 0.0], "sensor": sensor}
+    buoy = target | {"name": "buoy", "start_m": [13.0, 25.0], "velocity_m_s": [0.0, 0.0], "sensor": sensor}
+    told |= {"targets": [boat, buoy], "decision": told["decision"] | {"distance_max_m": 60.0}}
+    south = ring | {"name": "south", "target": "buoy", "places": 2, "radius_m": 8.0}
+    mission = parsed(told | {"rings": [ring | {"name": "north", "target": "boat", "places": 2}, south]})
+    path = tmp_path / "rings.mcap"
+    record_simulation(mission, path, duration_s=60.0)
+    shown = recorded_flight(read_log(path))
+    assert shown.mission.targets == ("boat", "buoy")
+    last = shown.teams[-5]
+    assert last.time_s is not None
+    assert (last.target, last.ring) == (None, None)
+    places_m = [(13.0 + 0.1 * last.time_s, -5.0), (13.0, 25.0)]
+    assert isinstance(last.targets, tuple)
+    assert [each.position_m for each in last.targets if each] == [pytest.approx(each, abs=0.05) for each in places_m]
+    for each in last.vehicles:
+        assert each.position_m is not None
+        assert each.tactic == "encircle"
+        number = ("north", "south").index(str(each.ring))
+        assert dist(each.position_m[:2], places_m[number]) == pytest.approx((10.0, 8.0)[number], abs=0.3)
+    assert {each.ring for each in last.vehicles} == {"north", "south"}
+    assert [each.ring for each in shown.teams[0].vehicles] == [""] * 3
+    commanded = _with_ring(last, 1, RingValues(9.0))
+    assert commanded.rings == (None, RingValues(9.0))
+    assert commanded.ring is None

@@ -8,6 +8,7 @@ from msgspec.structs import replace
 
 from agents.safety.failsafe import Condition
 from agents.team.messages import (
+    MISSION_RING,
     AutopilotReport,
     CommandAnswer,
     CommandedRing,
@@ -16,6 +17,7 @@ from agents.team.messages import (
     NextChange,
     OperatorCommand,
     Outlook,
+    RingChoice,
     RingValues,
     StartProposal,
     TargetPackage,
@@ -34,6 +36,7 @@ from gcs.station.picture import (
 )
 from gcs.station.team_picture import TeamPictures
 from tests.support.mission_text import content, parsed, put
+from tests.support.several_rings import with_rings
 
 UNIX_S, START_S = 1_000_000.0, 1_000_100.0
 FENCE = [[-50.0, -50.0], [150.0, -50.0], [150.0, 50.0], [-50.0, 50.0]]
@@ -135,6 +138,86 @@ def test_a_ring_commanded_in_flight_is_shown_until_the_next_flight() -> None:
     assert page.team(12.1).ring is None
     page.hears(200.0, state(1, START_S + 190.0, (0.0, 0.0)), state(2, START_S + 190.0, (9.0, 0.0)))
     assert page.team(200.1).ring is None
+
+
+def on_ring(sender: int, time_s: float, ring: int | None, **fields: object) -> MemberState:
+    angle = NeighbourAngle(sender, time_s, 0.5 * sender, 0.05, 10.0)
+    on_it = state(sender, time_s, tactic="encircle", angle=angle, choice=RingChoice(ring))
+    return replace(on_it, **fields)
+
+
+def sees(sender: int, time_s: float, x_m: float, age_s: float = 0.5) -> VehicleReport:
+    return report(sender, time_s, target=TargetReport((x_m, 0.0), (0.0, 0.0), (0.1, 0.0, 0.1), age_s))
+
+
+def places_m(page: Page, now_s: float) -> list[float | None]:
+    targets = page.team(now_s).targets
+    assert isinstance(targets, tuple)
+    return [None if each is None else each.position_m[0] for each in targets]
+
+
+def test_each_target_is_where_the_vehicles_of_its_rings_have_it() -> None:
+    """North is about the first target, south and high about the second."""
+    page = Page(with_rings(the_mission()))
+    page.hears(10.0, sees(1, START_S, 30.0), sees(2, START_S, 110.0), sees(3, START_S, 111.0, age_s=0.1))
+    assert places_m(page, 10.0) == [None, None], "no state says yet which target they are about"
+    page.hears(10.0, on_ring(1, START_S + 0.1, 0), on_ring(2, START_S, 1), on_ring(3, START_S, 2))
+    team = page.team(10.0)
+    assert places_m(page, 10.0) == [30.0, 111.0], "of two, that with the newest sighting"
+    assert [each.ring for each in team.vehicles] == ["north", "south", "high"]
+    assert (team.target, team.ring, team.rings) == (None, None, (None, None, None))
+    assert [each.lead_rad for each in team.vehicles] == [None] * 3, "each is alone on its ring"
+
+
+def test_a_vehicle_that_changes_to_a_ring_about_another_target_moves_none() -> None:
+    page = Page(with_rings(the_mission()))
+    page.hears(10.0, sees(1, START_S, 30.0), on_ring(1, START_S, 0), sees(2, START_S, 110.0), on_ring(2, START_S, 1))
+    page.hears(10.2, sees(1, START_S + 0.2, 110.0), on_ring(2, START_S + 0.2, 1))
+    assert places_m(page, 10.2) == [30.0, 110.0], "its report is about the other target, which its state says later"
+    page.hears(10.3, on_ring(1, START_S + 0.3, 1))
+    page.hears(10.3, sees(2, START_S + 0.3, 112.0, age_s=5.0), on_ring(2, START_S + 0.3, 1))
+    assert places_m(page, 10.3) == [30.0, 112.0], "until it reports the other target, its estimate is of the first"
+    page.hears(10.4, sees(1, START_S + 0.35, 110.5, age_s=0.0), on_ring(1, START_S + 0.4, None))
+    assert places_m(page, 10.4) == [30.0, 110.5], "the first is where it was seen last"
+    lost = page.team(10.4).targets
+    assert isinstance(lost, tuple)
+    assert lost[0] is not None
+    assert lost[0].lost_speed_m_s is not None
+
+
+def test_sightings_of_another_target_do_not_renew_an_estimate() -> None:
+    page = Page(with_rings(the_mission()))
+    package = TargetPackage(1, START_S + 1.0, (0.0, 0.0), (1.0, 0.0, 1.0), 0.8, 0.2, ())
+    page.hears(10.0, sees(1, START_S, 30.0), on_ring(1, START_S, 0))
+    for target, age_s in ((1, 1.5), (0, 0.0)):
+        page.hears(11.0, on_ring(1, START_S + 1.0, 0, sightings=(replace(package, target=target),)))
+        targets = page.team(11.0).targets
+        assert isinstance(targets, tuple)
+        assert targets[0] is not None
+        assert targets[0].sighting_age_s == pytest.approx(age_s)
+
+
+def test_a_mission_of_several_rings_names_them_with_their_bounds_and_what_was_commanded_of_each() -> None:
+    mission = with_rings(the_mission())
+    planned = mission_picture(mission, "sitl", 600.0)
+    assert planned.targets == ("boat", "buoy")
+    assert isinstance(planned.rings, tuple)
+    assert [(each.name, each.target, each.places) for each in planned.rings] == [
+        ("north", 0, 2), ("south", 1, 2), ("high", 1, 2)
+    ]  # fmt: skip
+    assert [each.ring for each in planned.rings] == [
+        RingValues(10.0, 0.05, 8.0, 0.0), RingValues(14.0, 0.06, 7.0, 0.0), RingValues(8.0, -0.1, 12.0, 0.0)
+    ]  # fmt: skip
+    assert [each.ring_bounds.speed_max_m_s for each in planned.rings] == pytest.approx([2.3, 2.4, 2.4])
+    assert len({each.colour for each in planned.rings} - {each.colour for each in planned.vehicles}) == 3
+    only = msgspec.to_builtins(mission_picture(the_mission(), "sitl", 600.0))
+    assert not only.keys() & {"targets", "rings"}
+    page = Page(mission)
+    old, new = CommandedRing(12.0, START_S - 1.0), CommandedRing(13.0, START_S)
+    for vehicle_id, rings in ((1, (MISSION_RING, old, MISSION_RING)), (2, (MISSION_RING, new, MISSION_RING)), (3, ())):
+        page.hears(10.0, state(vehicle_id, START_S, choice=RingChoice(None, b"", rings)))
+    assert page.team(10.0).rings == (None, RingValues(13.0), None)
+    assert not msgspec.to_builtins(Page().team(1.0)).keys() & {"targets", "rings"}
 
 
 def test_what_is_not_known_is_null_and_never_zero() -> None:

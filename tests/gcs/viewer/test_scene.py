@@ -7,6 +7,7 @@ from math import atan2, cos, hypot, pi, radians, sin
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import foxglove
 import numpy as np
 import pytest
 from foxglove import Context
@@ -29,11 +30,12 @@ from gcs.flightlog.records import VEHICLE_TOPICS, Decision, TargetState
 from gcs.flightlog.run import run_of
 from gcs.flightlog.writer import LogWriter
 from gcs.viewer.drawing import DrawnVehicle, newest_target
-from gcs.viewer.scene import PERIOD_S, Scene
+from gcs.viewer.scene import PERIOD_S, Scene, drawn_rings
 from gcs.viewer.shapes import ellipse
 from tests.conftest import CONFIG
 from tests.support.mission_text import content, parsed, put
 from tests.support.paths import MISSIONS
+from tests.support.several_rings import HIGH, NORTH, SOUTH, with_rings
 
 VEHICLES = (1, 2, 3)
 FENCE_M = [[-20.0, -15.0], [120.0, -15.0], [120.0, 40.0], [-20.0, 40.0]]
@@ -221,6 +223,41 @@ def test_of_several_beliefs_the_one_heard_of_last_is_shown() -> None:
     assert target is not None
     assert target.mean[0] == 8.5
     assert newest_target([seen(1, None)]) is None
+
+
+def test_several_rings_lie_about_their_own_targets_by_the_vehicles_on_them(tmp_path: Path) -> None:
+    """North, of 10 m, lies about the boat; south, of 14 m and 7 m high, and high, of 8 m at 12 m, about the buoy."""
+    mission, context, path = with_rings(parsed(content())), Context(), tmp_path / "rings.mcap"
+    with foxglove.open_mcap(path, context=context):
+        scene = Scene(context, mission)
+        beliefs = ((1, NORTH, 30.0, 3.0), (2, SOUTH, 110.0, 5.0), (3, HIGH, 111.0, 6.0))
+        for at_s, (vehicle_id, ring, x_m, sighted_s) in enumerate(beliefs, 1):
+            belief = TargetState(9.0, (x_m, 1.0, 0.0, 0.0), (0.1,) + (0.0,) * 15, sighted_s, 0.8, 0.2)
+            nothing = (None, None, None, None, None, "", (), (), (), (), 0)
+            scene(vehicle_id, at_s, Telemetry(at_s, (0.0, 0.0, 8.0), (0.0, 0.0, 0.0)))
+            scene(vehicle_id, at_s, Decision(at_s, "encircle", 1.0, None, None, belief, *nothing, ring=ring))
+    with path.open("rb") as stream:
+        reader = make_reader(stream, decoder_factories=[DecoderFactory()])
+        read = [(channel.topic, decoded) for _, channel, _, decoded in reader.iter_decoded_messages()]
+    first, _, last = ({each.id: each for each in decoded.entities} for topic, decoded in read if topic == "/scene")
+    circles = {"north": (30.0, 10.0, 8.0), "south": (111.0, 14.0, 7.0), "high": (111.0, 8.0, 12.0)}
+    for name, (x_m, radius_m, height_m) in circles.items():
+        (outline,), (text,) = last[f"ring {name}"].lines, last[f"ring {name}"].texts
+        assert place(outline.pose.position) == (x_m, 1.0, height_m)
+        assert {round(hypot(each.x, each.y), 9) for each in outline.points} == {radius_m}
+        assert text.text == name
+    for name, x_m in (("boat", 30.0), ("buoy", 111.0)):
+        assert place(last[f"target {name}"].spheres[0].pose.position) == (x_m, 1.0, 0.0)
+        assert last[f"target {name}"].texts[0].text == name
+    assert [len(first[f"ring {name}"].lines) for name in circles] == [1, 0, 0], "nothing is known of the buoy yet"
+    assert not first["target buoy"].spheres
+    cloud = [decoded for topic, decoded in read if topic == "/points"][-1]
+    points = np.frombuffer(cloud.data, np.dtype([("xyz", "<f4", 3), ("rgba", "u1", 4)]))
+    for planned, (x_m, radius_m, height_m) in zip(drawn_rings(mission), circles.values(), strict=True):
+        drawn = points["xyz"][(points["rgba"][:, :3] == list(bytes.fromhex(planned.colour[1:]))).all(axis=1)]
+        assert len(drawn) > 8
+        assert np.hypot(drawn[:, 0] - x_m, drawn[:, 1] - 1.0) == pytest.approx(radius_m, abs=1e-4)
+        assert set(drawn[:, 2]) == {height_m}
 
 
 def test_bubbles_touch_at_the_separation_and_are_red_while_the_guard_intervenes(flight: Seen) -> None:

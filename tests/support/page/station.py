@@ -84,7 +84,7 @@ class Station:
     @property
     def ring_radii_m(self) -> set[float | None]:
         """The radius that the operator's session has received as commanded."""
-        return {each._client.commanded_ring.radius_m for each in self.commands if each._client is not None}
+        return {each._client.commanded_ring().radius_m for each in self.commands if each._client is not None}
 
     @property
     def tactics(self) -> dict[int, str]:

@@ -14,12 +14,14 @@ from gcs.station.picture import (
     MissionPicture,
     OperatorRights,
     PlannedVehicle,
+    RingPicture,
     TargetPicture,
     TeamPicture,
 )
 from gcs.style import COLOURS
 
 FENCE_M = ((-20.0, -35.0), (75.0, -35.0), (75.0, 35.0), (-20.0, 35.0))
+RING_BOUNDS = RingBounds(2.3, 40.0, 2.0, 0.5, 2.0, 30.0, 1.0)
 RADIUS_MIN_M, SPACING_M, SPEED_M_S = 10.0, 6.0, 0.5
 
 
@@ -34,7 +36,7 @@ def ring_mission(vehicles: int = 3, may: tuple[Verb, ...] = tuple(VERBS)) -> Mis
         origin_deg=(47.397742, 8.545594),
         x_bearing_deg=90.0,
         ring=RingValues(radius_m, SPEED_M_S / radius_m, 8.0, 0.0),
-        ring_bounds=RingBounds(2.3, 40.0, 2.0, 0.5, 2.0, 30.0, 1.0),
+        ring_bounds=RING_BOUNDS,
         separation_m=3.0,
         keep_out_m=4.0,
         altitude_min_m=2.0,
@@ -88,6 +90,36 @@ def _on_ring(
         angular_rate_rad_s=rate_rad_s,
         lead_rad=2.0 * math.pi / vehicles,
     )
+
+
+BOAT_M, BUOY_M = (35.0, -5.0), (75.0, 10.0)
+RINGS = (
+    RingPicture("north", 0, 2, COLOURS[-1], RingValues(10.0, 0.05, 8.0, 0.0), RING_BOUNDS),
+    RingPicture("south", 1, 2, COLOURS[-2], RingValues(14.0, 0.06, 7.0, 0.0), RING_BOUNDS),
+    RingPicture(
+        "high", 1, 2, COLOURS[-3], RingValues(8.0, -0.1, 12.0, 0.0), RingBounds(1.5, 20.0, 2.4, 0.5, 2.0, 30.0, 1.0)
+    ),
+)
+"""The rings of a mission of two targets, "boat" and "buoy"."""
+
+
+def rings_mission() -> MissionPicture:
+    """Return a mission of these rings and three vehicles."""
+    return replace(ring_mission(), targets=("boat", "buoy"), rings=RINGS)
+
+
+def rings_team(_time_s: float = 0.0) -> TeamPicture:
+    """Return vehicles 1 and 2 on the rings of boat and buoy, whose radius was commanded to be 12 m, 3 on none."""
+    team = ring_team(ring_mission(), 0.0)
+    rings = ("north", "south", "")
+    vehicles = tuple(
+        replace(each, ring=ring, tactic="encircle" if ring else "formation", radius_m=10.5 if ring else None)
+        for each, ring in zip(team.vehicles, rings, strict=True)
+    )
+    still, covariance = (0.0, 0.0), (0.4, 0.15, 0.2)
+    targets = tuple(TargetPicture(place_m, still, covariance, 0.1) for place_m in (BOAT_M, BUOY_M))
+    commanded = (None, RingValues(12.0), None)
+    return replace(team, vehicles=vehicles, target=None, targets=targets, rings=commanded)
 
 
 def changed(team: TeamPicture, vehicle_id: int, **fields: object) -> TeamPicture:

@@ -1,0 +1,107 @@
+"""Vehicles on several rings, in closed loop: who flies where, when one is lost, assigned, or a ring is commanded.
+
+`python -m tests.experiments.rings 100` flies many more teams.
+"""
+
+import numpy as np
+import pytest
+
+from agents.notes import TacticChange
+from agents.outputs import TickOutput
+from agents.tactics import Tactic
+from agents.team.messages import OperatorCommand, RingValues
+from sitl.simulation.simulation import Absence, SimulatedFlight
+from tests.experiments.membership_scenes import Scene, flown
+from tests.experiments.rings import measured
+from tests.support.mission_text import CASE2, Content, content, drawn_vehicle, parsed
+
+FOUR_TARGETS, STACK_WITH_A_LOSS, CONCENTRIC = 108, 102, 1000
+"""Seeds of each kind."""
+
+
+@pytest.mark.parametrize("seed", [FOUR_TARGETS, STACK_WITH_A_LOSS, CONCENTRIC])
+def test_every_vehicle_flies_on_a_ring_with_a_place_and_keeps_it(seed: int) -> None:
+    assert measured(seed).reasons == ()
+
+
+def two_rings(places: tuple[int, int], radii_m: tuple[float, float] = (8.0, 8.0)) -> Content:
+    """Return a mission of three vehicles whose plants are off, and two targets at rest, 45 m from each other."""
+    mission, random = content(CASE2), np.random.default_rng(5)
+    mission["decision"]["distance_max_m"] = 100.0
+    mission["target"]["sensor"] |= {"range_m": 200.0, "noise_m": 0.1}
+    mission["target"]["velocity_m_s"] = [0.0, 0.0]
+    mission["targets"] = [{"name": "left", "start_m": [25.0, 22.5]}, {"name": "right", "start_m": [25.0, -22.5]}]
+    mission["rings"] = [
+        {"target": name, "places": count, "radius_m": radius_m, "angular_rate_rad_s": 0.1}
+        for name, count, radius_m in zip(("left", "right"), places, radii_m, strict=True)
+    ]
+    mission["vehicles"] = [drawn_vehicle(random, slot, (0.0, 5.0 - 5.0 * slot), 0.1) for slot in range(3)]
+    return mission
+
+
+class Observed:
+    """A flight: the ring of each vehicle at each tick, -1 off the rings, its tactics in order, and the true motion."""
+
+    def __init__(self, scene: Scene) -> None:
+        ticks = round(scene.duration_s * scene.mission.mission.rate_hz) + 1
+        self.on = np.full((ticks, len(scene.mission.ids)), -1)
+        self.tactics: dict[int, list[TacticChange]] = {i: [] for i in scene.mission.ids}
+        self.commanded: dict[int, list[float]] = {i: [] for i in scene.mission.ids}
+        self.flight: SimulatedFlight = flown(scene, 3, self._observe)
+        self._mission = scene.mission
+
+    def _observe(self, tick: int, vehicle: int, output: TickOutput) -> None:
+        status = output.status
+        self.on[tick, vehicle] = status.ring if status.tactic is Tactic.ENCIRCLE else -1
+        self.tactics[status.vehicle_id] += [note.tactic for note in status.notes if note.tactic is not None]
+        self.commanded[status.vehicle_id] += [note.ring.radius_m for note in status.notes if note.ring is not None]
+
+    def radii_m(self, ring: int, last_s: float = 10.0) -> dict[int, float]:
+        """Return the mean distance of each vehicle on a ring from its true target at the end."""
+        (x, y), time_s = self._mission.of_ring(ring).target.start_m, self.flight.time_s
+        late = time_s > time_s[-1] - last_s
+        away_m = np.hypot(self.flight.motion[late, :, 0] - x, self.flight.motion[late, :, 1] - y).mean(axis=0)
+        return {i: float(away_m[index]) for index, i in enumerate(self._mission.ids) if self.on[-1, index] == ring}
+
+    def least_m(self) -> float:
+        """Return the smallest distance between two vehicles."""
+        at_m = self.flight.motion[:, :, :2]
+        return min(float(np.hypot(*(at_m[:, i] - at_m[:, j]).T).min()) for i in range(at_m.shape[1]) for j in range(i))
+
+
+def assigned(vehicle: int, ring: int | None, at_s: float, number: int = 1) -> OperatorCommand:
+    return OperatorCommand(at_s, "assign", vehicle, "tower", number, ring_number=ring)
+
+
+def test_a_vehicle_that_is_assigned_goes_to_the_other_ring_and_one_there_makes_room() -> None:
+    scene = Scene(parsed(two_rings((1, 2))), (), 150.0, 0.0, told=(assigned(1, 1, 60.0),))
+    seen = Observed(scene)
+    assert seen.on[590].tolist() == [0, 1, 1]
+    assert sorted(seen.on[-1].tolist()) == [0, 1, 1]
+    assert seen.on[-1, 0] == 1
+    moved = int(np.flatnonzero(seen.on[-1] == 0)[0]) + 1
+    for i in (1, moved):
+        assert [(each.before, each.after) for each in seen.tactics[i]][-2:] == [
+            ("encircle", "transit"),
+            ("transit", "encircle"),
+        ]
+    assert len(seen.tactics[5 - moved]) == 2  # start and engagement: it stays
+    assert {**seen.radii_m(0), **seen.radii_m(1)} == pytest.approx(dict.fromkeys((1, 2, 3), 8.0), abs=0.3)
+    assert seen.least_m() > scene.mission.safety.separation_m
+
+
+def test_a_ring_that_loses_a_vehicle_closes_up_and_the_others_stay() -> None:
+    scene = Scene(parsed(two_rings((1, 3))), (Absence(3, 60.0),), 100.0, 0.0)
+    seen = Observed(scene)
+    assert seen.on[590].tolist() == [0, 1, 1]
+    assert seen.on[990, :2].tolist() == [0, 1]
+
+
+def test_a_ring_is_commanded_alone_and_reaches_vehicles_that_only_hear_of_it() -> None:
+    told = OperatorCommand(60.0, "ring", None, "tower", 1, ring=RingValues(radius_m=12.0), ring_number=1)
+    scene = Scene(parsed(two_rings((1, 2))), (), 110.0, 0.0, told=(told,))
+    seen = Observed(scene)
+    assert {i: radii[-1] for i, radii in seen.commanded.items()} == dict.fromkeys((1, 2, 3), 12.0)
+    assert seen.radii_m(0) == pytest.approx({1: 8.0}, abs=0.3)
+    assert seen.radii_m(1) == pytest.approx({2: 12.0, 3: 12.0}, abs=0.3)
+    assert seen.least_m() > scene.mission.safety.separation_m
