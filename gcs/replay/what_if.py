@@ -148,7 +148,7 @@ class FilterComparison:
 
 @dataclass(frozen=True, slots=True)
 class WhatIf:
-    """The changed parameters and their outcomes; `gaps` name missing records of the log."""
+    """The changed parameters and their outcomes; `gaps` name missing records of the log, and what is not shown."""
 
     mission: str
     changes: tuple[Change, ...]
@@ -220,6 +220,9 @@ def what_if(
         outcomes += _outcomes(vehicle_id, runs, truth, target_m)
     changes = tuple(_changes(recorded, tried))
     concerned = {change.key.partition(".")[0] for change in changes}
+    if len(mission.targets) > 1 and "target_filter" in concerned:
+        gaps.append("the mission has several targets: the figures of its target filters are not shown")
+        concerned.remove("target_filter")
     shown = tuple(outcome for outcome in outcomes if f"{outcome.filter}_filter" in concerned)
     return WhatIf(log.run.mission, changes, shown, tuple(gaps))
 
@@ -266,6 +269,7 @@ class FilterRun:
         self._own = OwnFilter(config.plant, settings.own_filter)
         self._target = TargetFilter(settings.target_filter)
         self._frame = TeamFrame(replace(config, own_filter=settings.own_filter))
+        self._has_targets = len(config.targets) > 1  # each has a filter of its own, which is not run here
         self._sighted: list[Sighting] = []
         self._seen: TargetEstimate | None = None
         noise = settings.own_filter
@@ -318,7 +322,8 @@ class FilterRun:
     def _see(self, now_s: float) -> None:
         """Process the sightings since the last tick, and the shift of the team's frame that follows from them."""
         for sighting in self._frame.sightings(now_s, self._sighted, {} if self._seen is None else {"": self._seen}):
-            self._sight(sighting)
+            if not self._has_targets:
+                self._sight(sighting)
         self._sighted.clear()
         off_x, off_y = self._frame.follow()
         if off_x or off_y:

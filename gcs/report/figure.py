@@ -7,7 +7,7 @@ display.
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from gcs.keys.private_files import create
 from gcs.metrics.record import FlightRecord
@@ -95,7 +95,7 @@ def _draw(sheet: Sheet, number: int | None) -> "Figure":
     height_in = sum(heights_in) + _TITLE_HEIGHT_IN * len(rows) + _LEGEND_HEIGHT_IN
     figure = Figure(figsize=(width_in, height_in), layout="constrained")
     FigureCanvasAgg(figure)
-    mosaic = [[f"{name} {ring}" for name, ring in row] for row in rows]
+    mosaic: list[Any] = [[f"{name} {ring}" for name, ring in row] for row in rows]
     panels = figure.subplot_mosaic(mosaic, height_ratios=heights_in)
     for name, ring in dict.fromkeys(each for row in rows for each in row):
         axes = panels[f"{name} {ring}"]

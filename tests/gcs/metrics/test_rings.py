@@ -12,7 +12,7 @@ from agents.ring.commanded_ring import change_s
 from gcs.metrics.ending import VehicleEnding
 from gcs.metrics.metrics import evaluated
 from gcs.metrics.record import FlightEvent, FlightRecord, VehicleTrack
-from gcs.metrics.references import EngagementResult
+from gcs.metrics.references import EngagementResult, ring_references
 from gcs.metrics.result import FlightResult
 from gcs.mission.mission import MissionRing
 from tests.support.result_keys import RESULT_KEYS, RING_KEYS
@@ -316,6 +316,30 @@ def test_a_record_of_one_ring_is_its_own() -> None:
     record = flown(*five_vehicles().vehicles[:3])
     alone = replace(record, targets=(), ring_targets=())
     assert alone.of_ring(0) is alone
+
+
+def test_a_vehicle_that_comes_back_makes_its_ring_settle_again() -> None:
+    record, returns_s = five_vehicles((0.0,) * 5), MOVES_S + 100.0
+    away = (TIME_S >= MOVES_S - 1e-9) & (returns_s - 1e-9 > TIME_S)
+    mover = replace(record.vehicles[2], tactic=np.where(away, "transit", record.vehicles[2].tactic))
+    east = judged(replace(record, vehicles=(*record.vehicles[:2], mover, *record.vehicles[3:]))).rings[0].result
+    assert [(each.begins_at_s, each.members) for each in east.transitions] == [
+        (ENGAGES_S, 3),
+        (MOVES_S, 2),
+        (returns_s, 3),
+    ]
+    assert east.window_s == (returns_s, DURATION_S)
+
+
+def test_a_command_of_the_present_ring_changes_nothing_and_its_number_is_left_out_where_it_is_0() -> None:
+    for number, ring in enumerate(MISSION.rings):
+        same = RingCommanded(ring.encirclement.radius_m, ring.encirclement.angular_rate_rad_s, ring=number)
+        event = FlightEvent(MOVES_S, 1, "command", "", ring=same)
+        record = replace(five_vehicles(), events=(event,))
+        assert [each.earlier for each in ring_references(MISSION, record)] == [(), ()]
+        values = event.to_dict()["ring"]
+        assert isinstance(values, dict)
+        assert values.get("ring") == (number or None)
 
 
 @pytest.mark.parametrize(("above_m", "closest_m"), [(3.0, 5.0), (2.0, 0.0), (None, None)])
