@@ -71,6 +71,8 @@ _RETURNS = {Tactic.RETURN_AND_LAND: "was returning to land already"}
 _ABORTS = "hover at once, land after `safety.abort_hover_s` unless resumed, or at a second abort"
 _RESHAPES = "change the shape of the formation"
 _RESIZES = "change radius, rate (clockwise if negative), altitude and tilt"
+AUTO = "auto"
+"""Stands for no ring where a vehicle is assigned: it chooses by itself."""
 _ASSIGNS = "send a vehicle to one of several rings, or let it choose (auto)"
 _CUT, _FALL = "cut the motors of", "cut the motors; the vehicles fall"
 _ROWS = (

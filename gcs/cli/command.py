@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, get_args
 from cyclopts import Parameter
 
 from agents.settings.shapes import SHAPES
-from agents.team.verbs import VERBS, CommandVerb, Verb, VerbRow
+from agents.team.verbs import AUTO, VERBS, CommandVerb, Verb, VerbRow
 from gcs.cli.options import Changes, KeyName, RunningMission, bus_mission, chosen_vehicle
 from gcs.errors import Exit, InputError
 
@@ -174,9 +174,6 @@ _RING_KEYS = {"radius": "radius_m", "rate": "angular_rate_rad_s", "altitude": "a
 _RING_FORM = "radius=METRES, rate=RAD_S, altitude=METRES, tilt=DEGREES, or some of them, as in radius=15 rate=-0.1"
 
 
-_AUTO = "auto"
-
-
 def _named_ring(mission: "Mission", given: Sequence[str]) -> tuple[int | None, Sequence[str]]:
     """Return the number of the ring that is named first, and the rest; None with one ring, which has no name."""
     if not mission.rings:
@@ -208,10 +205,10 @@ def _assignment(mission: "Mission", given: Sequence[str]) -> _Given:
     if not mission.rings:
         raise InputError([f"assign: {mission.mission.name} has one ring, and every vehicle flies it"])
     if len(given) != 2 or not given[0].isdecimal():
-        form = f"assign VEHICLE RING, as in assign {mission.ids[0]} {mission.rings[0].name}, or assign VEHICLE {_AUTO}"
+        form = f"assign VEHICLE RING, as in assign {mission.ids[0]} {mission.rings[0].name}, or assign VEHICLE {AUTO}"
         raise InputError([f"assign: give {form} (given: {' '.join(given) or 'nothing'}; {_rings(mission)})"])
     vehicle = chosen_vehicle(mission, int(given[0]), "assign").id
-    return _Given(ring_number=None if given[1] == _AUTO else _ring_number(mission, given[1]), vehicle=vehicle)
+    return _Given(ring_number=None if given[1] == AUTO else _ring_number(mission, given[1]), vehicle=vehicle)
 
 
 def _ring_values(given: Sequence[str], *, is_only: bool) -> "RingValues":

@@ -19,7 +19,7 @@ from agents.team.messages import (
     StartProposal,
     VehicleReport,
 )
-from agents.team.verbs import VERBS
+from agents.team.verbs import AUTO, VERBS
 from estimation.frames import MissionFrame
 from gcs.console.advice import Severity, severity
 from gcs.console.rings import ring_text
@@ -243,7 +243,7 @@ class TeamState:
         """Return the verb, in missions of several rings with the ring that is changed or assigned."""
         ring = ring_text(command.ring_number, self.rings)
         if command.verb == "assign" and self.rings:
-            ring = ring or "auto"
+            ring = ring or AUTO
         return f"{command.verb} {ring}" if ring else command.verb
 
     def _row(self, vehicle_id: int, now_s: float, places_m: Mapping[int, Place], *, is_over: bool) -> TeamRow:

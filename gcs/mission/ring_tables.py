@@ -7,6 +7,7 @@ from typing import Any, NamedTuple, TypeVar
 
 from agents.settings.sections import EncirclementSection
 from agents.team.messages import RINGS_MAX, TARGETS_MAX
+from agents.team.verbs import AUTO
 from estimation.settings import Settings, TargetBehaviour
 from gcs.errors import KeyFault
 from gcs.mission.mission import RingSection, TargetSection
@@ -77,6 +78,11 @@ def read_rings(content: _Content, targets: _Targets | None, faults: list[KeyFaul
     known = [_only_name(content)] if targets is None else _known_names(targets)
     rings = [_ring(number, section, known, faults) for number, section in enumerate(sections) if section is not None]
     faults += _repeated(_by_number(rings, len(sections)), "rings")
+    faults += [
+        KeyFault(f"rings[{ring.number}].altitude", "only the one ring of a mission can follow its target's altitude")
+        for ring in rings
+        if len(entries) > 1 and ring.section.altitude == "target"
+    ]
     if rings and len(rings) == len(entries) and targets is not None and all(ring.target is not None for ring in rings):
         for number in sorted({*range(len(targets))} - {ring.target for ring in rings if ring.target is not None}):
             if known[number] is None:
@@ -109,6 +115,8 @@ def _ring(number: int, section: RingSection, known: Sequence[str | None], faults
     name = section.name or (None if target is None else known[target])
     if not name and target is not None and known[target] is not None:
         faults.append(KeyFault(f"rings[{number}].name", "this key is missing: commands and logs name the ring"))
+    if name == AUTO:
+        faults.append(KeyFault(f"rings[{number}].name", f"'{AUTO}' stands for no ring in commands: use another name"))
     return ReadRing(number, section, name or "", target)
 
 

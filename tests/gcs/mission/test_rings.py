@@ -231,3 +231,15 @@ def _read(mission: Mission) -> Mission:
 
 def test_the_text_of_several_is_toml() -> None:
     assert parse_mission(text_of(SEVERAL), None).rings
+
+
+@pytest.mark.parametrize(
+    ("path", "value", "place", "reason"),
+    [
+        (("rings", 1, "name"), "auto", "rings[1].name", "'auto' stands for no ring in commands"),
+        (("rings", 0, "altitude"), "target", "rings[0].altitude", "only the one ring of a mission can follow"),
+    ],
+)
+def test_what_commands_and_vehicles_cannot_fly_is_refused(path: Place, value: object, place: str, reason: str) -> None:
+    found = faults(put(SEVERAL, path, value))
+    assert any(each.startswith(place) and reason in each for each in found), found
