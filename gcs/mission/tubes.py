@@ -25,9 +25,7 @@ class Tube(NamedTuple):
     is_shared: bool
 
     def heights_m(self, vehicles: Sequence[VehicleSection]) -> Pair:
-        """Return the lowest and the highest place of its vehicles: all heights if they follow the target's altitude."""
-        if self.ring.altitude == "target":
-            return -inf, inf
+        """Return the lowest and the highest place of its vehicles."""
         flying_m = [vehicle.altitude_m for vehicle in vehicles]
         lowest_m = self.ring.lowest_m(min(flying_m))
         return lowest_m - self.ring.rise_m, lowest_m + max(flying_m) - min(flying_m) + self.ring.rise_m

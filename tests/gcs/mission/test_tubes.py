@@ -91,16 +91,6 @@ def test_rings_are_apart_in_radius_or_in_height(subtests: pytest.Subtests) -> No
                 assert [fault.partition(": ")[0] for fault in faults(other)] == ["rings[1]"]
 
 
-def test_heights_above_a_target_are_not_known_beforehand() -> None:
-    follows = {"altitude": "target", "altitude_offset_m": 20.0}
-    limited = put(put(STACK, ("safety", "altitude_min_m"), 3.0), ("safety", "altitude_max_m"), 60.0)
-    limited = put(limited, ("rings", 0, "altitude_m"), 12.0)
-    assert parsed(put(limited, ("rings", 1), {"name": "high", "places": 3})).rings
-    both = put(limited, ("rings", 1), {"name": "high", "places": 3, **follows})
-    assert [fault.partition(": ")[0] for fault in faults(both)] == ["rings[1]"]
-    assert parsed(put(both, ("rings", 1, "radius_m"), 14.0)).rings
-
-
 def test_targets_that_meet_are_found_with_the_time() -> None:
     """The southern target comes north at 0.4 m/s: 40 - 0.4 t is 18 + 3.5 after 46.25 s, and 0 in all after 55 s."""
     meeting = put(SEVERAL, ("targets", 1, "velocity_m_s"), [0.0, 0.4])
