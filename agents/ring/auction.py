@@ -51,6 +51,10 @@ _COST_MS = [0, *(round(1e3 * exp(_PER_LEVEL * (_LEVELS - level))) for level in r
 """What each level costs: the reciprocal of its score. Whole numbers, so that sums do not depend on their order."""
 _HELD_SHARE, _HELD_MS = 4, 1000
 """A ring that a vehicle holds costs it a fourth and a second less."""
+_ASSIGNED_MS, _ASSIGNED_BIT = -(10**6), 0x80
+"""The cost of a ring that an operator has assigned to the vehicle: it comes before all others. Sent beside the ring
+that it holds.
+"""
 _NO_RING_MS = 10**9
 """The cost of no ring: more than all rings together, so that as many vehicles as possible have a place."""
 _TIE_BITS, _ID_BITS = 48, 32
@@ -74,16 +78,22 @@ def ring_score(importance: float, threat: float, time_s: float) -> float:
 
 
 class Bids(NamedTuple):
-    """A vehicle's bids: the ring that it holds, and for each ring the level of its score, 0 for a ring without one."""
+    """A vehicle's bids: the ring that it holds, and for each ring the level of its score, 0 for a ring without one.
+
+    Where an operator has assigned its ring (`is_assigned`), it bids for this one alone.
+    """
 
     held: int | None
     levels: bytes
+    is_assigned: bool = False
 
     def cost_ms(self, ring: int) -> int | None:
         """Return what the vehicle on a ring adds to the sum that is minimised, None where it does not bid."""
         cost_ms = _COST_MS[self.levels[ring]]
         if cost_ms == 0:
             return None
+        if self.is_assigned:
+            return _ASSIGNED_MS
         return cost_ms - (cost_ms // _HELD_SHARE + _HELD_MS if ring == self.held else 0)
 
 
@@ -242,6 +252,8 @@ class Auction:
         self._chosen_s = 0.0
         self.revision = 0
         """How often bids have changed, the own or those of peers: a state with changed bids is due at once."""
+        self.unplaced: frozenset[int] = frozenset()
+        """The vehicles, this one included, that bid and have no place."""
 
     @property
     def payload_bytes(self) -> int:
@@ -299,10 +311,11 @@ class Auction:
             self._known[sender] = _Known(stamp, known.bids)
         return True
 
-    def step(self, scores: Mapping[int, float], time_s: float) -> int | None:
+    def step(self, scores: Mapping[int, float], time_s: float, assigned: int | None = None) -> int | None:
         """Return the ring to fly on, None for none, given the own scores for the rings that are eligible now.
 
-        Scores are in (0, 1] (`ring_score`), by the ring's place in `places`. Raises ValueError for others.
+        Scores are in (0, 1] (`ring_score`), by the ring's place in `places`. A vehicle that is `assigned` to a ring
+        bids for this one alone, and before all that are not. Raises ValueError for other scores.
         """
         for ring, score in scores.items():
             if not 0 <= ring < len(self._places):
@@ -313,10 +326,16 @@ class Auction:
         for ring, own in enumerate(self._own):
             own.score(scores.get(ring), time_s)
         is_settled = time_s - self._chosen_s >= self.settling_s
-        self._bid(Bids(self._choice if is_settled else self._bids.held, bytes(own.level for own in self._own)))
+        levels = bytes(own.level for own in self._own)
+        if assigned is not None:
+            levels = bytes(_LEVELS if ring == assigned else 0 for ring in range(len(self._places)))
+        self._bid(Bids(self._choice if is_settled else self._bids.held, levels, assigned is not None))
         if self._decided != self.revision:
             self._decided = self.revision
-            choice = assignment(self.bids, self._places).get(self._id)
+            bids = self.bids
+            found = assignment(bids, self._places)
+            self.unplaced = frozenset(each for each, own in bids.items() if each not in found and any(own.levels))
+            choice = found.get(self._id)
             if choice != self._choice:
                 self._choice, self._chosen_s = choice, time_s
         return self._choice
@@ -356,6 +375,7 @@ class Auction:
 
     def _packed(self, peer: int, known: _Known) -> bytes:
         held = 0 if known.bids.held is None else known.bids.held + 1
+        held |= _ASSIGNED_BIT * known.bids.is_assigned
         return self._row.pack(self._numbers[peer], known.stamp % _WRAP, held, known.bids.levels)
 
     def _unpacked(self, payload: bytes, time_s: float) -> list[tuple[int, _Known]]:
@@ -363,13 +383,15 @@ class Auction:
         if len(payload) > self.payload_bytes or (len(payload) - self._head_bytes) % self._row.size:
             raise ValueError(f"{len(payload)} bytes are no bids of {len(self._members)} members for these rings")
         now, rows = _units(time_s), dict[int, _Known]()
-        for number, stamp, held, levels in self._row.iter_unpack(payload[self._head_bytes :]):
+        for number, stamp, flags, levels in self._row.iter_unpack(payload[self._head_bytes :]):
             peer = self._members[number] if number < len(self._members) else None
             if peer is None or peer in rows:
                 raise ValueError(f"bids of member number {number}: there is none, or they are repeated")
+            is_assigned, held = bool(flags & _ASSIGNED_BIT), flags & ~_ASSIGNED_BIT
             if held > len(self._places):
                 raise ValueError(f"vehicle {peer} holds ring {held - 1} of {len(self._places)}")
-            rows[peer] = _Known(_nearest(stamp, now), Bids(None if held == 0 else held - 1, levels))
+            bids = Bids(None if held == 0 else held - 1, levels, is_assigned)
+            rows[peer] = _Known(_nearest(stamp, now), bids)
         return list(rows.items())
 
 

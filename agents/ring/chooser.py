@@ -1,13 +1,14 @@
 """The ring of one vehicle among a mission's several: the rule of decision for each target, and the auction of places.
 
 A vehicle bids for the rings whose targets it decides to encircle (paper, section 5), each by what the target is worth
-and the time to get there. One that has left the formation bids for the others as well, with the least score: only where
-it has no place otherwise does it fly on a ring that it would not choose. An operator may assign a ring, which is then
-the only one that it bids for, with the highest score.
+and the time to get there. Once it has a ring it bids for this one alone, as long as the rule holds for its target. It
+bids for the others as well when it loses its place, or when another vehicle has had none for long, and for those that
+it would not choose with the least score. An operator may assign a ring, which is then the only one that it bids for,
+with the highest score.
 """
 
 from collections.abc import Mapping
-from math import hypot
+from math import hypot, inf
 from typing import NamedTuple
 
 from agents.ring.auction import Auction, ring_score
@@ -23,8 +24,10 @@ _MARGIN, _FARTHER = 0.05, 1.1
 """By how much importance and threat may miss, and how much farther, in shares, a target may be once it was chosen: a
 noisy estimate at a threshold must not change the bids.
 """
-
-
+YIELDS_AFTER_S, YIELDS_S = 10.0, 5.0
+"""After a vehicle has had no place for this long, those on rings bid for others as well, for so long: enough to agree
+and to set out.
+"""
 SURE_S = 1.0
 """A ring is chosen once the auction has given it to the vehicle for this long: by then it has its neighbours' bids."""
 
@@ -41,12 +44,11 @@ class RingChooser:
 
     def __init__(self, config: AgentConfig) -> None:
         self._vehicle_id, self._decision = config.vehicle_id, config.decision
-        self._targets = [each.target for each in config.rings]
         self._planned_m = [each.encirclement.radius_m for each in config.rings]
         self._auction = Auction(config.vehicle_id, config.slots, [each.places for each in config.rings])
         self._eligible: set[int] = set()
         self._won: int | None = None
-        self._won_s = 0.0
+        self._won_s = self._unplaced_s = self._yields_until_s = 0.0
         self.assigned: int | None = None
 
     @property
@@ -84,19 +86,22 @@ class RingChooser:
         `config` has the rings as they are flown, and the number of the own one if the vehicle is `on_ring`, or on its
         way from one to another.
         """
-        scores: dict[int, float] = {}
-        for ring, each in enumerate(config.rings):
-            target = targets.get(each.target)
-            if self.assigned is not None and ring != self.assigned:
-                continue
-            if target is None:
-                if on_ring and ring == config.ring:
-                    scores[ring] = _OWN_LEAST  # it waits for its target to be seen again
-                continue
-            score = self._score(ring, target, position_m, config, on_ring=on_ring)
-            if score is not None:
-                scores[ring] = score
-        won = self._auction.step(scores, now_s)
+        own = config.ring if on_ring else None
+        away_m = {ring: self._away_m(config, ring, targets, position_m) for ring in range(len(config.rings))}
+        eligible = {
+            ring for ring in away_m if self._decides(ring, targets.get(config.rings[ring].target), away_m[ring])
+        }
+        self._eligible = eligible
+        if own is not None and own in eligible and now_s >= self._yields_until_s:
+            scores = {own: self._score(config, own, targets, 0.0)}
+        else:
+            scores = {
+                ring: self._score(config, ring, targets, 0.0 if ring == own else away_m[ring]) for ring in eligible
+            }
+            if own is not None:
+                scores = {ring: _LEAST for ring, far_m in away_m.items() if far_m < inf} | {own: _OWN_LEAST} | scores
+        won = self._auction.step(scores, now_s, self.assigned)
+        self._yield(now_s)
         if won != self._won:
             self._won, self._won_s = won, now_s
         if won is None:
@@ -104,26 +109,36 @@ class RingChooser:
         is_assigned = self.assigned == won
         if is_assigned or now_s - self._won_s >= SURE_S:
             return Wanted(won, is_assigned)
-        return Wanted(config.ring, assigned=False) if on_ring else None
+        return None if own is None else Wanted(own, assigned=False)
 
-    def _score(
-        self, ring: int, target: TargetEstimate, position_m: Pair, config: AgentConfig, *, on_ring: bool
-    ) -> float | None:
-        if self.assigned == ring:
-            return 1.0
-        flown = config.rings[ring].encirclement
-        away_m = hypot(target.mean.item(0) - position_m[0], target.mean.item(1) - position_m[1])
-        # Vehicles engage from as far outside a larger ring as before.
-        farther_m = max(0.0, flown.radius_m - self._planned_m[ring])
-        if _decides(target, away_m - farther_m, self._decision, was_chosen=ring in self._eligible):
-            self._eligible.add(ring)
-            is_own = on_ring and ring == config.ring
-            time_s = 0.0 if is_own else max(0.0, away_m - flown.radius_m) / flown.speed_max_m_s
-            return max(ring_score(target.importance, target.threat, time_s), _OWN_LEAST)
-        self._eligible.discard(ring)
-        if not on_ring:
-            return None
-        return _OWN_LEAST if ring == config.ring else _LEAST
+    def _away_m(self, config: AgentConfig, ring: int, targets: Mapping[str, TargetEstimate], position_m: Pair) -> float:
+        """Return the distance of a ring's target, less what the ring is larger than planned; infinite if not known.
+
+        Vehicles engage from as far outside a larger ring as before.
+        """
+        target = targets.get(config.rings[ring].target)
+        if target is None:
+            return inf
+        larger_m = max(0.0, config.rings[ring].encirclement.radius_m - self._planned_m[ring])
+        return hypot(target.mean.item(0) - position_m[0], target.mean.item(1) - position_m[1]) - larger_m
+
+    def _yield(self, now_s: float) -> None:
+        """Bid for the other rings as well for some time, if the vehicle or, for long, another one has no place."""
+        unplaced = self._auction.unplaced
+        if not unplaced:
+            self._unplaced_s = now_s
+        elif self._vehicle_id in unplaced or now_s - self._unplaced_s >= YIELDS_AFTER_S:
+            self._yields_until_s, self._unplaced_s = now_s + YIELDS_S, now_s
+
+    def _decides(self, ring: int, target: TargetEstimate | None, away_m: float) -> bool:
+        """Return whether the rule of decision holds for a ring's target, with a margin once it held."""
+        return target is not None and _decides(target, away_m, self._decision, was_chosen=ring in self._eligible)
+
+    def _score(self, config: AgentConfig, ring: int, targets: Mapping[str, TargetEstimate], away_m: float) -> float:
+        """Return the score of a ring for whose target the rule holds: the time is that to the ring from outside."""
+        target, flown = targets[config.rings[ring].target], config.rings[ring].encirclement
+        time_s = max(0.0, away_m - self._planned_m[ring]) / flown.speed_max_m_s
+        return max(ring_score(target.importance, target.threat, time_s), _OWN_LEAST)
 
 
 def _decides(target: TargetEstimate, away_m: float, decision: DecisionSettings, *, was_chosen: bool) -> bool:

@@ -140,6 +140,32 @@ def test_an_assigned_vehicle_has_its_place_before_others_that_want_it_by_the_rul
     assert wanted == {1: Wanted(1, assigned=True), 2: None}
 
 
+def test_a_vehicle_keeps_its_ring_unless_one_that_can_fly_only_there_has_waited_for_long(
+    config: Callable[..., AgentConfig],
+) -> None:
+    """Vehicle 1 is on the north ring and could fly on both; vehicle 2 comes, which decides for the north alone."""
+    configs = {1: config(1, (1, 1), (1, 2)).on_ring(0), 2: config(2, (1, 1), (1, 2))}
+    choosers = {i: RingChooser(each) for i, each in configs.items()}
+    wanted: dict[float, dict[int, int | None]] = {}
+    for tick in range(300):
+        now_s = tick * TICK_S
+        one = choosers[1].choose(configs[1], (30.0, 10.0), TARGETS, 100.0 + now_s, on_ring=True)
+        seen = {"north": TARGETS["north"]} if tick >= 50 else {}
+        two = choosers[2].choose(configs[2], (25.0, 10.0), seen, 100.0 + now_s, on_ring=False)
+        wanted[round(now_s, 1)] = {1: one and one.ring, 2: two and two.ring}
+        for i, j in ((1, 2), (2, 1)):
+            choosers[i].receive(j, RingChoice(None, choosers[j].payload(100.0 + now_s)), 100.0 + now_s)
+        if one is not None:
+            configs[1] = configs[1].on_ring(one.ring)
+        if two is not None:
+            configs[2] = configs[2].on_ring(two.ring)
+    assert wanted[4.0] == {1: 0, 2: None}
+    assert wanted[14.5] == {1: 0, 2: None}
+    assert wanted[18.0] == {1: 1, 2: 0}
+    assert wanted[29.9] == {1: 1, 2: 0}
+    assert [each[1] for each in wanted.values()].count(0) < 180  # it changes once
+
+
 def test_one_that_leaves_gives_its_place_to_another_and_one_that_holds_keeps_it(
     config: Callable[..., AgentConfig],
 ) -> None:
