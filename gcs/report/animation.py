@@ -83,8 +83,14 @@ class _Scene:
         since = max(0, sample - round(_RECENT_SHARE * record.time_s.size))
         for target in self._targets:
             target.move(sample)
+        at_m: dict[tuple[float, float], list[_Ring]] = {}
         for ring in self._rings:
             ring.move(sample)
+            at_m.setdefault(ring.top_m, []).append(ring)
+        for first, *others in at_m.values():  # rings above each other have one label
+            first.write(", ".join(each.label for each in (first, *others)))
+            for each in others:
+                each.write("")
         engaged_s = [vehicle.engaged_at_s for vehicle in self._sheet.result.vehicles]
         for row, track in enumerate(record.vehicles):
             self._paths[row].set_data(*track.position_m[: since + 1].T)
@@ -120,7 +126,10 @@ class _Ring:
         engaged_s = (vehicle.engaged_at_s for vehicle in sheet.result.vehicles)
         self._begins_s = min((each for each in engaged_s if each is not None), default=np.inf)
         self._circle = axes.plot([], [], **DESIRED)[0]
-        self._name = name_ring(axes, (0.0, 0.0), ring_label(sheet) if sheet.name else "")
+        self.label = ring_label(sheet) if sheet.name else ""
+        self.top_m = (np.nan, np.nan)
+        """Its highest point on the map, not a number while it is not shown."""
+        self._name = name_ring(axes, (0.0, 0.0), self.label)
 
     def move(self, sample: int) -> None:
         """Show it at a time."""
@@ -130,8 +139,14 @@ class _Ring:
         circle_m = self._target_m[sample] + self._desired_m[sample] * _CIRCLE
         self._circle.set_data(*circle_m.T if is_shown else ([], []))
         self._name.set_visible(is_shown)
+        self.top_m = (np.nan, np.nan)
         if is_shown:
-            self._name.xy = self._target_m[sample, 0], self._target_m[sample, 1] + self._desired_m[sample]
+            x, y = self._target_m[sample].tolist()
+            self._name.xy = self.top_m = x, y + float(self._desired_m[sample])
+
+    def write(self, text: str) -> None:
+        """Write a text above it."""
+        self._name.set_text(text)
 
 
 class _Body:

@@ -176,7 +176,7 @@ def name_ring(axes: "Axes", top_m: tuple[float, float], label: str) -> "Annotati
 def ring_label(sheet: Sheet) -> str:
     """Return the name of a ring, with the height of its lowest vehicle if it has heights of its own."""
     height_m = ring_height_m(sheet)
-    return sheet.name if height_m is None else f"{sheet.name}, {height_m:g} m high"
+    return sheet.name if height_m is None else f"{sheet.name} ({height_m:g} m high)"
 
 
 def ring_height_m(sheet: Sheet) -> float | None:
