@@ -175,7 +175,7 @@ class VehicleCore:
             if self._tactic in _LEAVES:
                 chooser.withdraw(now_s)
             return
-        on_ring = self._tactic is not Tactic.FORMATION
+        on_ring = self._tactic in (Tactic.ENCIRCLE, Tactic.TRANSIT)
         wanted = chooser.choose(config, place_m, self._estimator.targets.estimates, now_s, on_ring=on_ring)
         self._wanted = wanted
         if wanted is not None and wanted.ring != config.ring:
@@ -639,7 +639,7 @@ class VehicleCore:
             for each in (self._planner, self._altitude, self._neighbours):
                 each.change(self._config)
             values = ring.radius_m, ring.angular_rate_rad_s, ring.altitude_m, ring.tilt_deg
-            self._notes.add(self._now_s, RingCommanded(*values))
+            self._notes.add(self._now_s, RingCommanded(*values, ring=number))
 
     def _ring_refusal(self, number: int, commanded: CommandedRing) -> str:
         """Return why the vehicle cannot fly a commanded ring about the present target, empty if it can."""

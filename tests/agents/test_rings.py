@@ -46,7 +46,7 @@ class Observed:
         ticks = round(scene.duration_s * scene.mission.mission.rate_hz) + 1
         self.on = np.full((ticks, len(scene.mission.ids)), -1)
         self.tactics: dict[int, list[TacticChange]] = {i: [] for i in scene.mission.ids}
-        self.commanded: dict[int, list[float]] = {i: [] for i in scene.mission.ids}
+        self.commanded: dict[int, list[tuple[int, float]]] = {i: [] for i in scene.mission.ids}
         self.flight: SimulatedFlight = flown(scene, 3, self._observe)
         self._mission = scene.mission
 
@@ -54,7 +54,8 @@ class Observed:
         status = output.status
         self.on[tick, vehicle] = status.ring if status.tactic is Tactic.ENCIRCLE else -1
         self.tactics[status.vehicle_id] += [note.tactic for note in status.notes if note.tactic is not None]
-        self.commanded[status.vehicle_id] += [note.ring.radius_m for note in status.notes if note.ring is not None]
+        rings = [note.ring for note in status.notes if note.ring is not None]
+        self.commanded[status.vehicle_id] += [(each.ring, each.radius_m) for each in rings]
 
     def radii_m(self, ring: int, last_s: float = 10.0) -> dict[int, float]:
         """Return the mean distance of each vehicle on a ring from its true target at the end."""
@@ -95,13 +96,14 @@ def test_a_ring_that_loses_a_vehicle_closes_up_and_the_others_stay() -> None:
     seen = Observed(scene)
     assert seen.on[590].tolist() == [0, 1, 1]
     assert seen.on[990, :2].tolist() == [0, 1]
+    assert [len(changes) for changes in seen.tactics.values()] == [2, 2, 2]  # start and engagement
 
 
 def test_a_ring_is_commanded_alone_and_reaches_vehicles_that_only_hear_of_it() -> None:
     told = OperatorCommand(60.0, "ring", None, "tower", 1, ring=RingValues(radius_m=12.0), ring_number=1)
     scene = Scene(parsed(two_rings((1, 2))), (), 110.0, 0.0, told=(told,))
     seen = Observed(scene)
-    assert {i: radii[-1] for i, radii in seen.commanded.items()} == dict.fromkeys((1, 2, 3), 12.0)
+    assert seen.commanded == dict.fromkeys((1, 2, 3), [(1, 12.0)])
     assert seen.radii_m(0) == pytest.approx({1: 8.0}, abs=0.3)
     assert seen.radii_m(1) == pytest.approx({2: 12.0, 3: 12.0}, abs=0.3)
     assert seen.least_m() > scene.mission.safety.separation_m
