@@ -46,6 +46,7 @@ def drawn(seed: int) -> Scene:
     starts_m = abreast(count)
     mission["formation"] |= {"leader": count // 2 + 1, "speed_m_s": 0.3}
     mission["vehicles"] = [drawn_vehicle(random, slot, at_m, PLANT_OFF_MOST) for slot, at_m in enumerate(starts_m)]
+    mission["mission"]["duration_s"] = DURATION_S
     mission["decision"]["distance_max_m"] = 300.0
     mission["safety"] |= {"vertical_separation_m": VERTICAL_M, "lost_avoided_s": LOST_AVOIDED_S}
     mission["network"] = {
