@@ -107,3 +107,40 @@ def test_a_ring_is_commanded_alone_and_reaches_vehicles_that_only_hear_of_it() -
     assert seen.radii_m(0) == pytest.approx({1: 8.0}, abs=0.3)
     assert seen.radii_m(1) == pytest.approx({2: 12.0, 3: 12.0}, abs=0.3)
     assert seen.least_m() > scene.mission.safety.separation_m
+
+
+def overlapping(apart_m: float) -> Content:
+    """Return three vehicles on two shared rings whose targets are this far from each other."""
+    mission = two_rings((2, 2))
+    for target, y_m in zip(mission["targets"], (apart_m / 2.0, -apart_m / 2.0), strict=True):
+        target["start_m"] = [25.0, y_m]
+    for ring in mission["rings"]:
+        ring["shared"] = True
+    return mission
+
+
+def test_a_ring_never_has_more_vehicles_than_places_though_operators_assign_more() -> None:
+    told = tuple(assigned(i, 0, 60.0, number=i) for i in (1, 2, 3))
+    seen = Observed(Scene(parsed(two_rings((1, 2))), (), 120.0, 0.0, told=told))
+    assert (seen.on[-200:] == 0).sum(axis=1).max() <= 1
+
+
+def test_a_vehicle_assigned_to_a_ring_whose_target_is_not_seen_keeps_its_place() -> None:
+    mission = two_rings((2, 2))
+    mission["targets"][0]["sensor"] = {"range_m": 1.0}
+    told = (assigned(2, 0, 60.0), assigned(3, 0, 60.0, number=2))
+    seen = Observed(Scene(parsed(mission), (), 120.0, 0.0, told=told))
+    assert (seen.on == 1).sum(axis=1).max() <= 2
+
+
+def test_a_vehicle_comes_to_a_shared_ring_whose_target_is_inside_the_other_ring() -> None:
+    scene = Scene(parsed(overlapping(6.0)), (), 150.0, 0.0, told=(assigned(1, 1, 60.0), assigned(2, 0, 60.0, number=2)))
+    seen = Observed(scene)
+    assert seen.on[-1, :2].tolist() == [1, 0]
+
+
+def test_vehicles_engage_targets_whose_sightings_have_no_names() -> None:
+    mission = two_rings((1, 2))
+    mission["target"]["sensor"]["names"] = False
+    seen = Observed(Scene(parsed(mission), (), 60.0, 0.0))
+    assert sorted(seen.on[-1].tolist()) == [0, 1, 1]

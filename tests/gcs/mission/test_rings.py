@@ -243,3 +243,8 @@ def test_the_text_of_several_is_toml() -> None:
 def test_what_commands_and_vehicles_cannot_fly_is_refused(path: Place, value: object, place: str, reason: str) -> None:
     found = faults(put(SEVERAL, path, value))
     assert any(each.startswith(place) and reason in each for each in found), found
+
+
+def test_rings_that_are_no_tables_and_missing_vehicles_are_faults() -> None:
+    assert any("rings" in each for each in faults(several({("rings",): 3})))
+    assert any("at least one [[vehicles]]" in each for each in faults(several({("vehicles",): []})))
