@@ -73,7 +73,8 @@ class Transit:
         x, y, x_rate, y_rate = situation.acting_motion.tolist()
         goal_x, goal_y = situation.acting_target[POSITION].tolist()
         direction_rad, is_straight = heading_rad((x, y), (goal_x, goal_y), self._discs(situation))
-        self._arrived = is_straight and hypot(goal_x - x, goal_y - y) < FAR_SHARE * ring.radius_far_m
+        away_m, there_m = hypot(goal_x - x, goal_y - y), ring.radius_m + ASIDE * config.safety.separation_m
+        self._arrived = away_m < there_m or (is_straight and away_m < FAR_SHARE * ring.radius_far_m)
         speed_m_s = _SPEED_SHARE * min(ring.speed_max_m_s, config.safety.speed_max_m_s)
         missing_m_s = speed_m_s * cos(direction_rad) - x_rate, speed_m_s * sin(direction_rad) - y_rate
         most_m_s2 = _ACCELERATION_SHARE * min(ring.acceleration_max_m_s2, config.safety.acceleration_max_m_s2)
@@ -82,11 +83,12 @@ class Transit:
         return Plan(aim, aim, situation.acting_motion[VELOCITY])
 
     def _discs(self, situation: Situation) -> list[Disc]:
-        """Return the rings about other targets that are known."""
+        """Return the rings about other targets that are known, but those that the goal is in."""
         config, discs = self._config, []
         for each in config.rings:
-            target = situation.acting_others.get(each.target)
-            if target is not None:
+            target, goal = situation.acting_others.get(each.target), situation.acting_target
+            if target is not None and goal is not None:
                 radius_m = each.encirclement.radius_m + ASIDE * config.safety.separation_m
-                discs.append(Disc((target.item(0), target.item(1)), radius_m))
+                if hypot(*(target - goal)[POSITION].tolist()) > radius_m:
+                    discs.append(Disc((target.item(0), target.item(1)), radius_m))
         return discs

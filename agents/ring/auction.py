@@ -51,9 +51,9 @@ _COST_MS = [0, *(round(1e3 * exp(_PER_LEVEL * (_LEVELS - level))) for level in r
 """What each level costs: the reciprocal of its score. Whole numbers, so that sums do not depend on their order."""
 _HELD_SHARE, _HELD_MS = 4, 1000
 """A ring that a vehicle holds costs it a fourth and a second less."""
-_ASSIGNED_MS, _ASSIGNED_BIT = -(10**6), 0x80
-"""The cost of a ring that an operator has assigned to the vehicle: it comes before all others. Sent beside the ring
-that it holds.
+_ASSIGNED_MS, _ASSIGNED_BIT = -2 * 10**9, 0x80
+"""The cost of a ring that an operator has assigned to the vehicle: it comes before all others, also if one of them then
+has no place. It is sent beside the ring that it holds.
 """
 _NO_RING_MS = 10**9
 """The cost of no ring: more than all rings together, so that as many vehicles as possible have a place."""
@@ -80,7 +80,7 @@ def ring_score(importance: float, threat: float, time_s: float) -> float:
 class Bids(NamedTuple):
     """A vehicle's bids: the ring that it holds, and for each ring the level of its score, 0 for a ring without one.
 
-    Where an operator has assigned its ring (`is_assigned`), it bids for this one alone.
+    Where an operator has assigned a ring (`is_assigned`), that is the one with the highest level.
     """
 
     held: int | None
@@ -92,7 +92,7 @@ class Bids(NamedTuple):
         cost_ms = _COST_MS[self.levels[ring]]
         if cost_ms == 0:
             return None
-        if self.is_assigned:
+        if self.is_assigned and self.levels[ring] == _LEVELS:
             return _ASSIGNED_MS
         return cost_ms - (cost_ms // _HELD_SHARE + _HELD_MS if ring == self.held else 0)
 
@@ -315,7 +315,7 @@ class Auction:
         """Return the ring to fly on, None for none, given the own scores for the rings that are eligible now.
 
         Scores are in (0, 1] (`ring_score`), by the ring's place in `places`. A vehicle that is `assigned` to a ring
-        bids for this one alone, and before all that are not. Raises ValueError for other scores.
+        bids for this one before all that are not. Raises ValueError for other scores.
         """
         for ring, score in scores.items():
             if not 0 <= ring < len(self._places):
@@ -328,7 +328,9 @@ class Auction:
         is_settled = time_s - self._chosen_s >= self.settling_s
         levels = bytes(own.level for own in self._own)
         if assigned is not None:
-            levels = bytes(_LEVELS if ring == assigned else 0 for ring in range(len(self._places)))
+            levels = bytes(
+                _LEVELS if ring == assigned else min(level, _LEVELS - 1) for ring, level in enumerate(levels)
+            )
         self._bid(Bids(self._choice if is_settled else self._bids.held, levels, assigned is not None))
         if self._decided != self.revision:
             self._decided = self.revision

@@ -3,8 +3,8 @@
 A vehicle bids for the rings whose targets it decides to encircle (paper, section 5), each by what the target is worth
 and the time to get there. Once it has a ring it bids for this one alone, as long as the rule holds for its target. It
 bids for the others as well when it loses its place, or when another vehicle has had none for long, and for those that
-it would not choose with the least score. An operator may assign a ring, which is then the only one that it bids for,
-with the highest score.
+it would not choose with the least score. An operator may assign a ring: it then bids for this one before all others,
+and keeps its own while there is no place.
 """
 
 from collections.abc import Mapping
@@ -87,6 +87,10 @@ class RingChooser:
         way from one to another.
         """
         own = config.ring if on_ring else None
+        # Where the target is not known, the vehicle could not fly there: it keeps its place until then.
+        assigned = self.assigned
+        if assigned is not None and config.rings[assigned].target not in targets:
+            assigned = None
         away_m = {ring: self._away_m(config, ring, targets, position_m) for ring in range(len(config.rings))}
         eligible = {
             ring for ring in away_m if self._decides(ring, targets.get(config.rings[ring].target), away_m[ring])
@@ -94,21 +98,22 @@ class RingChooser:
         self._eligible = eligible
         if own is not None and own in eligible and now_s >= self._yields_until_s:
             scores = {own: self._score(config, own, targets, 0.0)}
+        elif assigned is not None and own is not None:
+            scores = {own: _OWN_LEAST}
         else:
             scores = {
                 ring: self._score(config, ring, targets, 0.0 if ring == own else away_m[ring]) for ring in eligible
             }
             if own is not None:
                 scores = {ring: _LEAST for ring, far_m in away_m.items() if far_m < inf} | {own: _OWN_LEAST} | scores
-        won = self._auction.step(scores, now_s, self.assigned)
+        won = self._auction.step(scores, now_s, assigned)
         self._yield(now_s)
         if won != self._won:
             self._won, self._won_s = won, now_s
         if won is None:
             return None
-        is_assigned = self.assigned == won
-        if is_assigned or now_s - self._won_s >= SURE_S:
-            return Wanted(won, is_assigned)
+        if now_s - self._won_s >= SURE_S:
+            return Wanted(won, assigned == won)
         return None if own is None else Wanted(own, assigned=False)
 
     def _away_m(self, config: AgentConfig, ring: int, targets: Mapping[str, TargetEstimate], position_m: Pair) -> float:

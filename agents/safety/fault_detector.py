@@ -142,7 +142,7 @@ class FaultDetector:
             self._add(faults, now_s, Condition.BUS_FLOODED, self.bus_drops.text())
 
     def _check_target(self, faults: Faults, situation: Situation, tactic: Tactic, active: Container[Condition]) -> None:
-        on_ring, sighted_s = tactic is Tactic.ENCIRCLE, self._targets.sighted_s
+        on_ring, sighted_s = tactic in (Tactic.ENCIRCLE, Tactic.TRANSIT), self._targets.sighted_s
         fading = on_ring and situation.now_s - sighted_s > COUNTED_SHARE * self._stale_after_s
         if fading or (situation.target is None and (on_ring or Condition.TARGET_STALE in active)):
             faults[Condition.TARGET_STALE] = Symptom(sighted_s, f"not seen for {situation.now_s - sighted_s:.1f} s")

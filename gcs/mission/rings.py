@@ -1,7 +1,7 @@
 """A mission of several rings: it is checked as the mission of each ring alone, and the rings against each other."""
 
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -9,7 +9,7 @@ from agents.settings.sections import EncirclementSection, EncirclementSettings
 from estimation.settings import Settings
 from gcs.errors import KeyFault
 from gcs.mission.cross_checks import LoadedVehicle, cross_checked
-from gcs.mission.mission import Mission, MissionRing, TargetSection
+from gcs.mission.mission import Mission, MissionRing, TargetSection, VehicleSection
 from gcs.mission.ring_tables import ReadRing, read_rings, read_targets
 from gcs.mission.stability import unstable_loops
 from gcs.mission.tubes import Tube, cutting_rings
@@ -21,7 +21,8 @@ def several_rings(content: Mapping[str, Any], faults: list[KeyFault]) -> "Severa
     """Return the targets and rings of a file's content, and append the faults of their tables."""
     targets = read_targets(content, faults)
     rings = read_rings(content, targets, faults)
-    return SeveralRings(targets, rings, rings is not None and len(rings) == len(content["rings"]))
+    given = content.get("rings")
+    return SeveralRings(targets, rings, rings is not None and isinstance(given, list) and len(rings) == len(given))
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,8 +82,22 @@ class SeveralRings:
         yield from found
         yield from self._enough_places(len(vehicles))
         known = [vehicle[0] for vehicle in vehicles if vehicle is not None]
-        if len(known) == len(vehicles):
+        if len(known) == len(vehicles) > 0:
+            yield from self._named(known)
             yield from cutting_rings(tubes, known, sections.get("safety"), sections.get("mission"))
+
+    def _named(self, vehicles: Sequence[VehicleSection]) -> Iterator[KeyFault]:
+        """Yield a fault for each simulated target that no sensor names: vehicles track named ones only."""
+        targets = self.targets or ()
+        for number, target in enumerate(targets):
+            if target is None or len(targets) < 2 or target.source != "simulated":
+                continue
+            own = [each.sensor.model_dump(exclude_unset=True) if each.sensor else {} for each in vehicles]
+            if not any(each.get("names", target.sensor.names) for each in own):
+                reason = (
+                    "no sensor names this target, and vehicles track only named ones: let one vehicle's sensor do so"
+                )
+                yield KeyFault(f"targets[{number}].sensor.names", reason)
 
     def unstable(self, mission: Mission) -> Iterator[KeyFault]:
         """Yield the unstable loops of a mission on each of its rings."""

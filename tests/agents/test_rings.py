@@ -13,7 +13,7 @@ from agents.team.messages import OperatorCommand, RingValues
 from sitl.simulation.simulation import Absence, SimulatedFlight
 from tests.experiments.membership_scenes import Scene, flown
 from tests.experiments.rings import measured
-from tests.support.mission_text import CASE2, Content, content, drawn_vehicle, parsed
+from tests.support.mission_text import CASE2, Content, content, drawn_vehicle, faults, parsed
 
 FOUR_TARGETS, STACK_WITH_A_LOSS, CONCENTRIC = 108, 102, 1000
 """Seeds of each kind."""
@@ -103,7 +103,7 @@ def test_a_ring_is_commanded_alone_and_reaches_vehicles_that_only_hear_of_it() -
     told = OperatorCommand(60.0, "ring", None, "tower", 1, ring=RingValues(radius_m=12.0), ring_number=1)
     scene = Scene(parsed(two_rings((1, 2))), (), 110.0, 0.0, told=(told,))
     seen = Observed(scene)
-    assert seen.commanded == dict.fromkeys((1, 2, 3), [(1, 12.0)])
+    assert seen.commanded == {i: [(1, 12.0)] for i in (1, 2, 3)}
     assert seen.radii_m(0) == pytest.approx({1: 8.0}, abs=0.3)
     assert seen.radii_m(1) == pytest.approx({2: 12.0, 3: 12.0}, abs=0.3)
     assert seen.least_m() > scene.mission.safety.separation_m
@@ -139,8 +139,12 @@ def test_a_vehicle_comes_to_a_shared_ring_whose_target_is_inside_the_other_ring(
     assert seen.on[-1, :2].tolist() == [1, 0]
 
 
-def test_vehicles_engage_targets_whose_sightings_have_no_names() -> None:
+def test_vehicles_engage_targets_that_one_of_them_names() -> None:
+    """The others' sightings are associated."""
     mission = two_rings((1, 2))
     mission["target"]["sensor"]["names"] = False
-    seen = Observed(Scene(parsed(mission), (), 60.0, 0.0))
+    assert [each.partition(":")[0] for each in faults(mission)] == [f"targets[{k}].sensor.names" for k in (0, 1)]
+    mission["vehicles"][1]["sensor"] = {"names": True}
+    seen = Observed(Scene(parsed(mission), (), 70.0, 0.0))
     assert sorted(seen.on[-1].tolist()) == [0, 1, 1]
+    assert {**seen.radii_m(0), **seen.radii_m(1)} == pytest.approx(dict.fromkeys((1, 2, 3), 8.0), abs=0.3)
