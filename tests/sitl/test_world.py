@@ -153,7 +153,8 @@ def test_the_first_target_is_seen_as_if_it_were_alone() -> None:
 
 
 def test_sightings_of_one_target_and_of_sensors_that_do_not_tell_them_apart_have_no_name() -> None:
-    anonymous = put(SEVERAL, ("target", "sensor", "names"), False)
+    anonymous = put(put(SEVERAL, ("target", "sensor", "names"), False), ("vehicles", 0, "sensor"), {"names": True})
+    assert {one.target for each in sighted(anonymous, 1) for one in each} == {"north", "south"}
     assert {len(each) for each in sighted(anonymous)} == {0, 2}
     for content in (anonymous, put(STACK, ("target", "sensor", "range_m"), 60.0)):
         assert {one.target for each in sighted(content) for one in each} == {None}

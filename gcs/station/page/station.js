@@ -124,7 +124,7 @@ class Live {
     else if (picture.kind === "event") this.page.events.add(picture);
     else if (picture.kind === "receipt") this.page.commands.receipt(picture);
     else if (picture.kind === "answer") this.page.commands.answer(picture);
-    else if (picture.kind === "team") this.#team(picture);
+    else if (picture.kind === "team" && this.page.mission) this.#team(picture); // one that overtook the mission has a successor
   }
 
   #start(mission) {
