@@ -12,6 +12,7 @@ from agents.notes import AlertChange, CommandOutcome, Note
 from agents.outputs import CoreStatus
 from agents.tactics import NO_TACTIC
 from agents.team.messages import CommandAnswer, CommandKey, MemberState, NeighbourAngle
+from agents.team.team import ring_of
 from estimation.state import MOTION, POSITION, VELOCITY, Vector
 from gcs.metrics.ending import VehicleEnding
 from gcs.metrics.record import (
@@ -264,7 +265,7 @@ class Journal:
         where the receiver's `ring` is about the same target.
         """
         for peer in peers:
-            samples, its_ring = self._received[peer.sender], _ring_of(peer)
+            samples, its_ring = self._received[peer.sender], ring_of(peer)
             samples.add(peer.time_s, np.array([*peer.position_m, *peer.velocity_m_s]), peer.tactic, its_ring)
             angle, is_same = angles.get(peer.sender), self._target_number(its_ring) == self._target_number(ring)
             if angle is not None and target is not None and is_same and angle.time_s == peer.time_s:
@@ -342,10 +343,6 @@ class Journal:
             return TargetPath(*target.motion.over(time_s))
         unknown = np.full((time_s.size, 2), np.nan)
         return TargetPath(unknown, unknown)
-
-
-def _ring_of(peer: MemberState) -> int:
-    return 0 if peer.choice is None or peer.choice.ring is None else peer.choice.ring
 
 
 def _centre_m(peer: MemberState, angle: NeighbourAngle) -> tuple[float, float]:
