@@ -15,10 +15,11 @@ What keeps choices from oscillating: scores are smoothed, a published bid change
 around it, and a ring that a vehicle holds costs it less than it bids. A vehicle holds the ring that it has chosen for
 `settling_s`. By then the team agrees, so that rings chosen before are not held.
 
-A vehicle that publishes arbitrary bids of its own takes one place, as any vehicle; while it changes them all the time,
-so do the choices of those that compete with it. Bids of vehicles that are heard are those that they sent themselves,
-whatever others relay. Of vehicles that are not heard only relays are known, and these are not signed: a relay between
-two parts of a team can alter what one knows of the other, and bid for members that do not fly.
+A vehicle that publishes arbitrary bids of its own takes one place, as any vehicle, also one that another holds if it
+claims that an operator has assigned it; while it changes them all the time, so do the choices of those that compete
+with it. Bids of vehicles that are heard are those that they sent themselves, whatever others relay. Of vehicles that
+are not heard only relays are known, and these are not signed: a relay between two parts of a team can alter what one
+knows of the other, and bid for members that do not fly.
 """
 
 from collections.abc import Mapping, Sequence
