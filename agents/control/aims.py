@@ -43,4 +43,5 @@ def extrapolated(member: MemberState, at_s: float) -> Predecessor:
 def mixed(formation: Plan, ring: Plan, share: float) -> Plan:
     """Mix the aims of both tactics, u = (1 - s) u_formation + s u_encircle (paper, section 4)."""
     aim = (1.0 - share) * formation.aim_m + share * ring.aim_m
-    return Plan(aim, aim, ring.aim_rate_m_s, ring.qp, ring=ring.ring)
+    undisturbed = (1.0 - share) * formation.undisturbed_aim_m + share * ring.undisturbed_aim_m
+    return Plan(aim, undisturbed, ring.aim_rate_m_s, ring.qp, ring=ring.ring)

@@ -47,6 +47,15 @@ def aim_for_acceleration(motion: Vector, acceleration_m_s2: Pair, disturbance_m_
     return np.array((x + effort_x / plant.x.a0_per_s2, y + effort_y / plant.y.a0_per_s2))
 
 
+def undisturbed_m(aim_m: Vector, disturbance_m_s2: Vector, plant: Plant) -> Vector:
+    """Return the aim (2,) that gives the plant without a disturbance (2,) the acceleration that `aim_m` gives it with
+    one. Peers, which do not know the disturbance, predict the vehicle by it.
+    """
+    x, y = aim_m.tolist()
+    w_x, w_y = disturbance_m_s2.tolist()
+    return np.array((x + w_x / plant.x.a0_per_s2, y + w_y / plant.y.a0_per_s2))
+
+
 _APPROACH_GAIN_PER_S = 0.5
 _FREE = 1e20
 _FULL_AFTER_S = 0.5

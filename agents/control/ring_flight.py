@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from math import copysign, cos, hypot, sin, tau
 
-from agents.control.encirclement import Approach, EncirclementPlanner, RingTask
+from agents.control.encirclement import Approach, EncirclementPlanner, RingTask, undisturbed_m
 from agents.control.plan import Plan, RingReport
 from agents.notes import RingChange
 from agents.ring.commanded_ring import Orbit
@@ -55,6 +55,7 @@ class RingFlight:
 
     def __init__(self, config: AgentConfig, team: Team) -> None:
         self._vehicle_id = config.vehicle_id
+        self._plant = config.plant
         self._gaps = config.gaps
         self._safety = config.safety
         self._fence = Fence(config.safety.fence_m) if config.safety.fence_m else None
@@ -122,7 +123,8 @@ class RingFlight:
         )
         if plan.approach is not Approach.ORBIT:
             self._reference.reset()
-        return Plan(plan.aim_m, plan.aim_m, situation.acting_motion[VELOCITY], plan.status, ring=report)
+        undisturbed = undisturbed_m(plan.aim_m, situation.compensation, self._plant)
+        return Plan(plan.aim_m, undisturbed, situation.acting_motion[VELOCITY], plan.status, ring=report)
 
     def report(self, mixing: float) -> RingReport:
         """Return the report while there is no target."""

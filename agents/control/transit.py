@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from math import asin, atan2, cos, hypot, pi, sin
 from typing import NamedTuple
 
-from agents.control.encirclement import aim_for_acceleration
+from agents.control.encirclement import aim_for_acceleration, undisturbed_m
 from agents.control.plan import Plan
 from agents.ring.joining import ASIDE
 from agents.settings.config import AgentConfig
@@ -79,8 +79,9 @@ class Transit:
         missing_m_s = speed_m_s * cos(direction_rad) - x_rate, speed_m_s * sin(direction_rad) - y_rate
         most_m_s2 = _ACCELERATION_SHARE * min(ring.acceleration_max_m_s2, config.safety.acceleration_max_m_s2)
         wanted_m_s2 = clipped_pair((_GAIN_PER_S * missing_m_s[0], _GAIN_PER_S * missing_m_s[1]), most_m_s2)
-        aim = aim_for_acceleration(situation.acting_motion, wanted_m_s2, situation.compensation, config.plant)
-        return Plan(aim, aim, situation.acting_motion[VELOCITY])
+        motion, compensation = situation.acting_motion, situation.compensation
+        aim = aim_for_acceleration(motion, wanted_m_s2, compensation, config.plant)
+        return Plan(aim, undisturbed_m(aim, compensation, config.plant), motion[VELOCITY])
 
     def _discs(self, situation: Situation) -> list[Disc]:
         """Return the rings about other targets that are known, but those that the goal is in."""

@@ -16,6 +16,11 @@ UNPUBLISHED_ACCELERATION_M_S2 = 2.0
 """The largest difference between a vehicle's acceleration and its last published plan."""
 GOING_ON_S = 1.0
 """A silent vehicle is predicted to follow its last published plan for this long."""
+UNMODELLED_M_S2 = 0.3
+"""The largest lasting part of the acceleration between two vehicles that neither expects, with plants 20 % off.
+
+`barriers.apart` lets the distance fall short by it over the square of the barrier's rate (docs/notes/safety.md).
+"""
 A_FEW = 3
 NEAR_FOR_S = 0.2
 """The selection of near vehicles is valid for this long."""
@@ -54,6 +59,8 @@ class Neighbours:
         """Fly the ring of another configuration from now on."""
         self._has_heights = config.encirclement.has_heights
         self._bands_m, self._ring = ring_bands_m(config), config.ring
+        rate_per_s = config.safety.barrier_rate_per_s
+        self._passing_m = UNMODELLED_M_S2 / rate_per_s**2 if self._bands_m else 0.0
 
     def near(self, situation: Situation, states: Sequence[MemberState]) -> Sequence[MemberState]:
         """Return the members that can affect the guard within `NEAR_FOR_S`: no aim is too close to the others.
@@ -69,7 +76,7 @@ class Neighbours:
         speed, turned = hypot(x_rate, y_rate), sqrt(2.0) * self._acceleration_max_m_s2
         reach = self._reach_m_s2 + hypot(*situation.disturbance.tolist()) + self._damping_per_s * speed
         reach *= 1.0 + self._damping_per_s * NEAR_FOR_S
-        still_m = 3.0 * safety.separation_m + 2.0 * (reach + max(reach, turned)) / rate**2
+        still_m = 3.0 * safety.separation_m + self._passing_m + 2.0 * (reach + max(reach, turned)) / rate**2
         speed += reach * NEAR_FOR_S
         still_m += (4.0 / rate + NEAR_FOR_S) * speed
         near, until_s = [], situation.acting_s + NEAR_FOR_S
@@ -127,7 +134,7 @@ class Neighbours:
             away_m = hypot(place_x + its_x_rate * ahead_s - x, place_y + its_y_rate * ahead_s - y)
             away_m -= changed_m_s / 2.0 * ahead_s
             unsure = sigmas * (own_sigma_m + member.position_sigma_m)
-            keep_m = separation_m + min(unsure, separation_m)
+            keep_m = separation_m + self._passing_m + min(unsure, separation_m)
             keep_m += min(UNPUBLISHED_ACCELERATION_M_S2 / 2.0 * ahead_s * ahead_s, separation_m)
             closing_m_s = hypot(its_x_rate - x_rate, its_y_rate - y_rate) + changed_m_s
             evades = member.tactic not in _DOES_NOT_EVADE
@@ -162,7 +169,7 @@ class Neighbours:
         members += [(member, False) for member in lost]
         own_sigma_m = situation.position_sigma_m
         return [
-            self._body(member, situation, own_sigma_m, shares=shares)
+            self._body(member, situation, own_sigma_m, shares=shares, passes=self._passes(member, encircles=encircles))
             for member, shares in members
             if self._meets_in_height(member, situation.height_m, encircles=encircles)
         ]
@@ -184,7 +191,15 @@ class Neighbours:
             its_low_m, its_high_m = min(its_low_m, ring_low_m), max(its_high_m, ring_high_m)
         return its_low_m - high_m < apart_m and low_m - its_high_m < apart_m
 
-    def _body(self, member: MemberState, situation: Situation, own_sigma_m: float, *, shares: bool) -> Body:
+    def _passes(self, member: MemberState, *, encircles: bool) -> bool:
+        """Return whether the guard alone keeps a member apart: no ring or line has both, whose plans keep distances."""
+        if not encircles:
+            return member.tactic in _TO_A_RING
+        return member.tactic != _ENCIRCLES or ring_of(member) != self._ring
+
+    def _body(
+        self, member: MemberState, situation: Situation, own_sigma_m: float, *, shares: bool, passes: bool
+    ) -> Body:
         safety = self._safety
         separation_m, age_s = safety.separation_m, situation.now_s - member.time_s
         ahead_s = min(situation.acting_s - member.time_s, GOING_ON_S)
@@ -197,6 +212,7 @@ class Neighbours:
             x_rate = y_rate = x_acceleration = y_acceleration = 0.0
         unsure = unsure_m(safety.uncertainty_sigmas, own_sigma_m, member.position_sigma_m)
         distance_m = separation_m + min(unsure, separation_m) + min(moved_m, separation_m)
+        distance_m += self._passing_m if passes else 0.0
         acceleration_m_s2 = x_acceleration, y_acceleration
         return Body((x, y), (x_rate, y_rate), acceleration_m_s2, distance_m, shares, member.sender)
 

@@ -208,7 +208,7 @@ class RingChoice(msgspec.Struct, frozen=True, array_like=True):
 
 
 class MemberState(msgspec.Struct, frozen=True, array_like=True):
-    """A vehicle's state at `time_s`: tactic, motion, and the undisturbed aim with its rate, for followers.
+    """A vehicle's state at `time_s`: tactic, motion, and the undisturbed aim with its rate, for followers and guards.
 
     It includes the vehicle's place on the ring, None off it, and the new sightings of its own sensor.
 

@@ -349,6 +349,23 @@ def test_followers_receive_the_undisturbed_setpoint_at_the_time_of_the_message(m
     assert setpoint_of(output) == pytest.approx(compensated, abs=0.01)
 
 
+def test_peers_receive_the_undisturbed_aim_of_a_vehicle_that_encircles(make_config: Maker) -> None:
+    """From the engagement on, also while the formation's aim is mixed in: the plant answers it in the wind as an
+    undisturbed one, which is how peers predict the vehicle.
+    """
+    pilot, wind = Pilot(make_config()), np.array([0.3, -0.2])
+    pilot.fly(20.0, wind=wind)
+    pilot.core.take(Sighting(pilot.now_s, 2, (12.0, 0.0), (1e-4, 0.0, 1e-4), 0.8, 0.2))
+    seen = 0
+    for output in pilot.fly(pilot.now_s + 6.0, wind=wind):
+        for state in sent_by(output):
+            if isinstance(state, MemberState) and state.tactic == "encircle":
+                acts_m = np.array(state.aim_m) + np.array(state.aim_rate_m_s) * PERIOD_S / 2.0
+                assert acts_m == pytest.approx(np.array(setpoint_of(output)) + wind / 0.80, abs=0.02)
+                seen += 1
+    assert seen > 20
+
+
 def test_a_vehicle_sent_back_beside_the_ring_does_not_cut_across_it(make_config: Maker) -> None:
     # Its place in line is at the target by now: mixing that in would pull it through the ring.
     pilot = Pilot(make_config(line_start_m=(0.0, 0.0)), motion=(10.0, 10.5, 0.0, 0.0))

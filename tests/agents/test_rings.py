@@ -3,6 +3,8 @@
 `python -m tests.experiments.rings 100` flies many more teams.
 """
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -12,16 +14,25 @@ from agents.tactics import Tactic
 from agents.team.messages import OperatorCommand, RingValues
 from sitl.simulation.simulation import Absence, SimulatedFlight
 from tests.experiments.membership_scenes import Scene, flown
-from tests.experiments.rings import measured
+from tests.experiments.rings import drawn, measured, separation_left_m
 from tests.support.mission_text import CASE2, Content, content, drawn_vehicle, faults, parsed
 
 FOUR_TARGETS, STACK_WITH_A_LOSS, CONCENTRIC = 108, 102, 1000
 """Seeds of each kind."""
+ABREAST, IN_TWO_DIRECTIONS = 4038, 6018
+"""Seeds with the vehicles of one ring, and of two, near each other on their way in."""
 
 
 @pytest.mark.parametrize("seed", [FOUR_TARGETS, STACK_WITH_A_LOSS, CONCENTRIC])
 def test_every_vehicle_flies_on_a_ring_with_a_place_and_keeps_it(seed: int) -> None:
     assert measured(seed).reasons == ()
+
+
+@pytest.mark.parametrize("seed", [ABREAST, IN_TWO_DIRECTIONS])
+def test_vehicles_keep_apart_on_their_way_to_the_rings(seed: int) -> None:
+    """With plants that are up to 20 % off, noise, and late and lost messages."""
+    scene = replace(drawn(seed), duration_s=20.0)
+    assert separation_left_m(scene, flown(scene, seed)) > 0.0
 
 
 def two_rings(places: tuple[int, int], radii_m: tuple[float, float] = (8.0, 8.0)) -> Content:

@@ -18,7 +18,6 @@ from numpy.typing import NDArray
 
 from agents.outputs import TickOutput
 from agents.tactics import Tactic
-from estimation.state import Vector
 from gcs.metrics.record import Mask
 from gcs.mission.mission import Mission
 from sitl.simulation.simulation import Absence, SimulatedFlight
@@ -147,12 +146,10 @@ def measured(seed: int) -> Rings:
     mission, count = scene.mission, len(scene.mission.ids)
     ticks = round(scene.duration_s * mission.mission.rate_hz) + 1
     on = np.full((ticks, count), -1)
-    heights_m = np.zeros((ticks, count))
 
     def observe(tick: int, vehicle: int, output: TickOutput) -> None:
         status = output.status
         on[tick, vehicle] = status.ring if status.tactic is Tactic.ENCIRCLE else -1
-        heights_m[tick, vehicle] = 0.0 if status.situation is None else status.situation.height_m
 
     flight = flown(scene, seed, observe)
     there, judged_from = scene.there(flight.time_s), ticks - round(JUDGED_S * mission.mission.rate_hz)
@@ -179,7 +176,7 @@ def measured(seed: int) -> Rings:
         worst, (RADIUS_M, RATE_RAD_S, SPACING_DEG), ("radius", "rate", "spacing"), strict=True
     ):
         reasons += [f"{name} {value:.4g}"] if value > limit else []
-    left_m = _left_m(scene, flight, heights_m)
+    left_m = separation_left_m(scene, flight)
     reasons += [f"separation {left_m:+.2f} m"] if left_m < 0.0 else []
     kind = (
         "targets"
@@ -226,7 +223,7 @@ def _ring(mission: Mission, flight: SimulatedFlight, judged: Mask, members: NDAr
     yield float(np.degrees(np.sqrt(np.mean((gaps_rad - tau / len(members)) ** 2, axis=0)).max()))
 
 
-def _left_m(scene: Scene, flight: SimulatedFlight, heights_m: Vector) -> float:
+def separation_left_m(scene: Scene, flight: SimulatedFlight) -> float:
     """Return the smallest distance beyond the separation between two in the air that are not above each other."""
     least, safety = inf, scene.mission.safety
     for one, other in combinations(range(flight.motion.shape[1]), 2):

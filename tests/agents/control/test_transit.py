@@ -104,6 +104,19 @@ def test_a_vehicle_leaves_its_ring_and_flies_to_within_reach_of_the_next(
     assert np.hypot(*changes.T).max(initial=0.0) <= config.encirclement.acceleration_max_m_s2
 
 
+def test_peers_can_predict_the_acceleration_of_a_vehicle_in_a_wind(make_config: Maker) -> None:
+    """The plant without the wind answers the published aim as the plant in the wind answers the sent one."""
+    config, goal_m, wind = make_config(vehicle_id=1), np.array((60.0, 20.0, 0.0, 0.0)), np.array((0.5, -0.3))
+    motion = np.array((3.0, -4.0, 1.5, 0.4))
+    own = OwnEstimate(0.0, np.array([*motion, *wind]), own_spread(0.1, 0.1))
+    target = TargetEstimate(0.0, goal_m, target_spread(), 0.0, 0.9, 0.1)
+    plan = Transit(config).plan(Situation(0.0, 0.0, own, motion, wind, target, None, goal_m))
+    assert plan is not None
+    step = exact_step(config.plant, 0.01)
+    predicted = step.advance(motion, plan.undisturbed_aim_m, np.zeros(2))
+    assert predicted == pytest.approx(step.advance(motion, plan.aim_m, wind), abs=1e-9)
+
+
 def test_without_its_target_there_is_no_way(make_config: Maker) -> None:
     config = make_config(vehicle_id=1)
     own = OwnEstimate(0.0, np.zeros(6), own_spread(0.1, 0.1))

@@ -12,8 +12,9 @@ from msgspec import structs
 
 from agents.core import VehicleCore
 from agents.inputs import Message, Presence, TacticEvent
+from agents.safety.barriers import Body, Cause, apart
 from agents.safety.guard import Guard
-from agents.safety.neighbours import A_FEW, GOING_ON_S, UNPUBLISHED_ACCELERATION_M_S2, Neighbours
+from agents.safety.neighbours import A_FEW, GOING_ON_S, UNMODELLED_M_S2, UNPUBLISHED_ACCELERATION_M_S2, Neighbours
 from agents.settings.config import AgentConfig, RingConfig
 from agents.situation.situation import Situation
 from agents.tactics import Event
@@ -320,3 +321,40 @@ def test_the_heights_of_a_ring_include_its_tilt_and_the_differences_of_the_vehic
     tilted = flat.with_flown(1, flat.rings[1].encirclement.model_copy(update={"tilt_deg": 10.0}))
     for config, counts in ((flat, False), (stacked(make_config(altitude_m=HEIGHT_M), 0, 1.5), True), (tilted, True)):
         assert bool(Neighbours(config).bodies(situation(10.0), [on_a_ring(1, 11.0)], ())) == counts
+
+
+@pytest.mark.parametrize(
+    ("own_ring", "its_ring", "tactic", "encircles", "passes"),
+    [
+        (0, 1, "encircle", True, True),  # on its way to another ring, or on it
+        (0, 0, "encircle", True, False),  # on one ring, whose plans keep a headway
+        (0, 0, "transit", True, True),
+        (0, None, "formation", True, True),
+        (0, 0, "encircle", False, True),  # seen from the line that it leaves
+        (0, None, "formation", False, False),  # in one line
+    ],
+)
+def test_vehicles_that_pass_keep_the_separation_though_their_accelerations_are_not_as_predicted(
+    make_config: Maker, own_ring: int, its_ring: int | None, tactic: str, encircles: bool, passes: bool
+) -> None:
+    """This vehicle accelerates away from a peer at rest as `apart` demands it, less an error that lasts: the distance
+    settles where h'' + 2 k h' + k^2 h = 0 with the error in h''.
+    """
+    config = stacked(make_config(altitude_m=HEIGHT_M), own_ring)
+    peer = structs.replace(on_a_ring(its_ring, HEIGHT_M, tactic), position_m=(0.0, 0.0), aim_m=(0.0, 0.0))
+    (body,) = Neighbours(config).bodies(situation(10.0, 0.0), [peer], (), encircles=encircles)
+    away_m, opening_m_s, step_s = 4.0, 0.0, 0.01
+    for _ in range(2000):
+        alone = Body(body.position_m, STILL, STILL, body.distance_m, shares=False)
+        demand = apart((away_m, 0.0), (opening_m_s, 0.0), alone, config.safety.barrier_rate_per_s, Cause.SEPARATION)
+        opening_m_s += step_s * (demand.least_m_s2 - UNMODELLED_M_S2)
+        away_m += step_s * opening_m_s
+    left_m = away_m - config.safety.separation_m
+    short_m = UNMODELLED_M_S2 / config.safety.barrier_rate_per_s**2
+    assert left_m == pytest.approx(0.0 if passes else -short_m, abs=0.02)
+
+
+def test_in_a_mission_of_one_ring_the_distance_is_the_separation(make_config: Maker) -> None:
+    for tactic in ("formation", "encircle"):
+        (body,) = Neighbours(make_config()).bodies(situation(10.0, 0.0), [member(10.0, tactic)], [])
+        assert body.distance_m == make_config().safety.separation_m
