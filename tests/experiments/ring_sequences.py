@@ -130,8 +130,8 @@ def _settlings(mission: Mission, record: FlightRecord, number: int, from_s: floa
     alone, ring = record.of_ring(number), ring_references(mission, record)[number]
     motion, time_s = ring_motion(alone, ring.gaps), record.time_s
     changes = list(_changes(alone, motion, ring.changed_s))
-    off, ends_s = off_ring(time_s, motion, ring), [*(first_s for first_s, _ in changes[1:]), float(time_s[-1])]
-    ends_s = dict(zip((last_s for _, last_s in changes), ends_s, strict=True))
+    off, firsts_s = off_ring(time_s, motion, ring), [*(first_s for first_s, _ in changes[1:]), float(time_s[-1])]
+    ends_s = dict(zip((last_s for _, last_s in changes), firsts_s, strict=False))
     config = mission.agent_config(mission.vehicles[0]).on_ring(number)
     for each in predicted(transitions(alone, motion, ring, list(ends_s)), alone, config, ring):
         begin_s = each.begins_at_s

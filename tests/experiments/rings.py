@@ -157,7 +157,7 @@ def kind_of(mission: Mission) -> str:
 
 def on_rings(record: FlightRecord) -> NDArray[np.intp]:
     """Return the number of the ring (V, T) on which a vehicle encircles, -1 for none."""
-    rows = [np.where(each.encircles(), each.ring, -1) for each in record.vehicles]
+    rows = [np.where(each.encircles(), 0 if each.ring is None else each.ring, -1) for each in record.vehicles]
     return np.array(rows, dtype=np.intp)
 
 
