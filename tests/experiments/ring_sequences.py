@@ -2,8 +2,8 @@
 
 A seed determines the team and its rings, as in rings.py, and a sequence of commands: values of one ring, also reversals
 and changes before the last one is flown, and vehicles assigned to rings, also to full ones. A ring that the operator's
-check refuses is not sent. One vehicle receives a ring; the others have it from its states. Measured is the true motion.
-Exit code 1 if a limit is exceeded.
+check refuses is not sent. One vehicle receives a ring; the others have it from its states. Measured is the true motion; speed,
+acceleration and settling are judged where the guard has not acted. Exit code 1 if a limit is exceeded.
 """
 
 import sys
@@ -13,7 +13,7 @@ from itertools import pairwise
 import numpy as np
 
 from agents.team.messages import MISSION_RING, OperatorCommand
-from gcs.metrics.record import FlightRecord
+from gcs.metrics.record import FlightRecord, Mask
 from gcs.metrics.references import ring_references
 from gcs.metrics.ring import TOGETHER_S, RingMotion, off_ring, ring_motion
 from gcs.metrics.transitions import predicted, transitions
@@ -77,10 +77,8 @@ def measured(seed: int) -> Changed:
     """Fly the commands of a seed, and measure."""
     scene, refused = drawn(seed)
     mission = scene.mission
-    record, flight, _ = recorded(scene, seed)
-    settlings = [
-        each for number in range(len(mission.rings)) for each in _settlings(mission, record, number, scene.from_s)
-    ]
+    record, flight, guarded = recorded(scene, seed)
+    settlings = [each for number in range(len(mission.rings)) for each in _settlings(scene, record, guarded, number)]
     on = on_rings(record)[:, late(record, JUDGED_S)]
     faults = place_faults(mission, on, np.ones(len(mission.ids), dtype=np.bool_))
     faults += _elsewhere(scene, on[:, -1])
@@ -90,12 +88,12 @@ def measured(seed: int) -> Changed:
     measures = (
         Measure("separation", separation_left_m(scene, flight), 0.0, "m", at_least=True),
         *conditions(mission, record, JUDGED_S),
-        *_gentleness(mission, record, scene.from_s),
+        *_gentleness(mission, record, ~guarded & (record.time_s >= scene.from_s)),
     )
     rings = sum(each.verb == "ring" for each in scene.told)
     about = (
         f"{len(mission.ids)} vehicles, {len(mission.rings)} rings ({kind_of(mission)}), {rings} commanded, "
-        f"{refused} refused, {len(scene.told) - rings} assignments"
+        f"{refused} refused, {len(scene.told) - rings} assignments, guard {guarded.mean():.1%}"
     )
     slow = tuple(each for each in settlings if each)
     return Changed(seed, about, measures, tuple(faults), rings, len(settlings), slow)
@@ -111,32 +109,33 @@ def _elsewhere(scene: Scene, on: "np.ndarray[tuple[int], np.dtype[np.intp]]") ->
             yield from (f"vehicle {each} is not on {ring.name}, which was assigned to it" for each in away)
 
 
-def _gentleness(mission: Mission, record: FlightRecord, from_s: float) -> Iterator[Measure]:
-    """Return the largest speed and acceleration on any ring since a time, as shares of their limits."""
+def _gentleness(mission: Mission, record: FlightRecord, where: Mask) -> Iterator[Measure]:
+    """Return the largest speed and acceleration on any ring in some samples (V, T), as shares of their limits."""
     found = []
     for number, ring in enumerate(ring_references(mission, record)):
         alone = record.of_ring(number)
         motion = ring_motion(alone, ring.gaps)
-        member = motion.member & (record.time_s >= from_s)
-        found.append(gentleness(alone, motion, member, ring, mission.rings[number].encirclement))
+        found.append(gentleness(alone, motion, motion.member & where, ring, mission.rings[number].encirclement))
     yield from (max(each, key=lambda measure: measure.value) for each in zip(*found, strict=True))
 
 
-def _settlings(mission: Mission, record: FlightRecord, number: int, from_s: float) -> Iterator[str]:
+def _settlings(scene: Scene, record: FlightRecord, guarded: Mask, number: int) -> Iterator[str]:
     """Return for every change of a ring that was long enough flown why it settled too late, empty if it did not.
 
-    A ring changes when it is commanded, and when a vehicle comes or goes.
+    A ring changes when it is commanded, when a vehicle comes or goes, and while the guard moves one (V, T).
     """
+    mission = scene.mission
     alone, ring = record.of_ring(number), ring_references(mission, record)[number]
     motion, time_s = ring_motion(alone, ring.gaps), record.time_s
-    changes = list(_changes(alone, motion, ring.changed_s))
+    evading_s = time_s[(guarded & motion.member).any(axis=0)].tolist()
+    changes = list(_changes(alone, motion, [*ring.changed_s, *evading_s]))
     off, firsts_s = off_ring(time_s, motion, ring), [*(first_s for first_s, _ in changes[1:]), float(time_s[-1])]
     ends_s = dict(zip((last_s for _, last_s in changes), firsts_s, strict=False))
     config = mission.agent_config(mission.vehicles[0]).on_ring(number)
     for each in predicted(transitions(alone, motion, ring, list(ends_s)), alone, config, ring):
         begin_s = each.begins_at_s
         end_s = ends_s[min(ends_s, key=lambda at_s: abs(at_s - begin_s))]
-        if begin_s < from_s or each.settling_predicted_s is None:
+        if begin_s < scene.from_s or each.settling_predicted_s is None:
             continue
         way_s = max((old.until_s + old.change_s - begin_s for old in ring.earlier if old.until_s <= begin_s), default=0)
         allowed_s = max(SETTLES_S, SETTLES_FACTOR * max(each.settling_predicted_s, way_s))
@@ -150,10 +149,10 @@ def _settlings(mission: Mission, record: FlightRecord, number: int, from_s: floa
         yield took if took_s > allowed_s else ""
 
 
-def _changes(record: FlightRecord, motion: RingMotion, commanded_s: list[float]) -> Iterator[tuple[float, float]]:
-    """Return the first and the last time of the changes of a ring that are together."""
+def _changes(record: FlightRecord, motion: RingMotion, others_s: list[float]) -> Iterator[tuple[float, float]]:
+    """Return the first and the last time of the changes of a ring that are together: of its members, and others."""
     changed = np.flatnonzero((motion.member[:, 1:] != motion.member[:, :-1]).any(axis=0)) + 1
-    times_s = sorted({*record.time_s[changed].tolist(), *commanded_s})
+    times_s = sorted({*record.time_s[changed].tolist(), *others_s})
     first_s = times_s[0] if times_s else np.inf
     for at_s, after_s in pairwise([*times_s, np.inf]):
         if after_s - at_s > TOGETHER_S:
