@@ -2,8 +2,8 @@
 
 A seed determines the team and its rings, as in rings.py, and a sequence of commands: values of one ring, also reversals
 and changes before the last one is flown, and vehicles assigned to rings, also to full ones. A ring that the operator's
-check refuses is not sent. One vehicle receives a ring; the others have it from its states. Measured is the true motion; speed,
-acceleration and settling are judged where the guard has not acted. Exit code 1 if a limit is exceeded.
+check refuses is not sent. One vehicle receives a ring; the others have it from its states. Measured is the true motion;
+speed, acceleration and settling are judged where the guard has not acted. Exit code 1 if a limit is exceeded.
 """
 
 import sys
