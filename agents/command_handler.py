@@ -48,12 +48,14 @@ class Circumstances(NamedTuple):
     `age_s` is the time since the command was sent [wall s], by the vehicle's clock: negative if dated ahead of it.
     `resume_refused` is why the vehicle must not resume, empty if it may; `ring_refused` why it cannot fly the commanded
     ring. It `is_down` if it was armed and no longer is, and `follows` setpoints unless it takes off or was handed over.
-    The flight `ends` once the operator has stopped it; its mission `is_over` from the return on.
+    `ring` is the number of the ring that it flies on, None off the rings. The flight `ends` once the operator has
+    stopped it; its mission `is_over` from the return on.
     """
 
     age_s: float = 0.0
     resume_refused: str = ""
     ring_refused: str = ""
+    ring: int | None = None
     is_down: bool = False
     follows: bool = True
     link_lost: bool = False
@@ -260,6 +262,8 @@ class CommandHandler:
         self.assigned, self._assigned_s = number, command.time_s
         if number is None:
             return _Answer("chooses its ring by itself")
+        if circumstances.ring == number:
+            return _Answer(f"is on the ring '{self._rings[number]}' already, and stays there")
         goes = circumstances.follows and tactic not in _CHOOSES_NO_RING
         return _Answer(f"{'goes' if goes else 'will go, once on its mission,'} to the ring '{self._rings[number]}'")
 

@@ -4,7 +4,7 @@ Everything that it receives goes through `take`, the time is an argument of `tic
 returns. The same object therefore flies over MAVLink, in the simulation, and again from a log.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from math import hypot, inf
 from typing import Any
@@ -39,11 +39,10 @@ from agents.notes import Notes, ReferenceChange, ResumeRefusal, Revocation, Ring
 from agents.outputs import CoreStatus, LandingCause, Outgoing, TickOutput
 from agents.ports import Connection, FlightMode, ModeSource, Reference, Setpoint
 from agents.ring.chooser import RingChooser, Wanted
-from agents.ring.commanded_ring import ring_refusal
+from agents.ring.commanded_rings import CommandedRings
 from agents.safety.failsafe import POSITION_ALERTS, override
 from agents.safety.failsafe_monitor import FailsafeMonitor
 from agents.safety.fault_detector import FaultDetector, Faults
-from agents.safety.fence import Fence
 from agents.safety.guard import Guard, Guarded, GuardStatus, Interventions
 from agents.safety.neighbours import NEAR_FOR_S, Neighbours
 from agents.setpoint import STAYS, Altitude, FeedForward, SlewLimit, Yaw
@@ -58,7 +57,6 @@ from agents.team.consistency_check import ConsistencyCheck, Limits
 from agents.team.inbox import Inbox
 from agents.team.messages import (
     CONDITIONS_LIMIT,
-    MISSION_RING,
     CommandAnswer,
     CommandedRing,
     MemberState,
@@ -114,7 +112,7 @@ class VehicleCore:
         self._formed_s: float | None = None
         self._reshaping: Reshaping | None = None
         self._wanted: Wanted | None = None
-        self._commanded, self._mission_ring = [MISSION_RING] * max(len(config.rings), 1), config
+        self._commanded = CommandedRings(config)
         self._sightings: list[Sighting] = []
         self._answers: list[CommandAnswer] = []
         self._bus_drops = NO_DROPS
@@ -553,9 +551,19 @@ class VehicleCore:
         if state.shape is not None:
             self._reshape(Reshaping(state.shaped_s, state.shape))
         commanded = state.choice.commanded if state.choice is not None else [state.ring] if state.ring else []
-        for number, ring in enumerate(commanded[: len(self._commanded)]):
-            if ring is not MISSION_RING and ring.is_dated_by(state.time_s + AHEAD_MAX_S):
-                self._change_ring(number, ring)
+        if commanded and not self._has_plug_in:
+            self._take_rings_of(state.sender, commanded, state.time_s + AHEAD_MAX_S)
+
+    def _take_rings_of(self, sender: int, commanded: Sequence[CommandedRing], dated_by_s: float) -> None:
+        """Take newer values of rings from a peer's state, those that an operator could command the vehicle to fly."""
+        dated = {number: ring for number, ring in enumerate(commanded) if ring.is_dated_by(dated_by_s)}
+        rings = {number: ring for number, ring in dated.items() if number < len(self._commanded.newest)}
+        target_m = self._estimator.targets.position_m
+        flyable, refusals = self._commanded.of_peer(sender, rings, self._config, target_m, self._now_s)
+        for refusal in refusals:
+            self._notes.add(self._now_s, refusal)
+        for number in flyable:
+            self._change_ring(number, rings[number])
 
     def _take_command(self, item: Command) -> None:
         self._command(item.command, item.now_s)
@@ -572,8 +580,8 @@ class VehicleCore:
         if command.verb not in _GOES_ON and command.vehicle in (None, self._config.vehicle_id):
             self._failsafe.leave_to_operator()
         circumstances = self._circumstances(now_s)._replace(age_s=age_s)
-        if command.ring is not None and (number := command.ring_number or 0) < len(self._commanded):
-            ring = self._commanded[number].commanded(command.ring, command.time_s)
+        if command.ring is not None and (number := command.ring_number or 0) < len(self._commanded.newest):
+            ring = self._commanded.newest[number].commanded(command.ring, command.time_s)
             newer = ring.is_newer_than(command.ring, command.time_s)
             refused = "a newer command of the ring applies" if newer else self._ring_refusal(number, ring)
             circumstances = circumstances._replace(ring_refused=refused)
@@ -594,6 +602,7 @@ class VehicleCore:
         return Circumstances(
             resume_refused=refused,
             is_down=status.connected and self._was_armed and not status.armed,
+            ring=self._config.ring if self._tactic is Tactic.ENCIRCLE else None,
             follows=not status.connected or status.mode in (FlightMode.OFFBOARD, FlightMode.UNKNOWN),
             link_lost=self._was_armed and not status.connected,
             ends=self._ends,
@@ -624,12 +633,12 @@ class VehicleCore:
 
     def _change_ring(self, number: int, commanded: CommandedRing) -> None:
         """Take the newest values of a ring, from an operator or a peer's state."""
-        newest = self._commanded[number].with_(commanded)
-        if newest == self._commanded[number] or self._has_plug_in:
+        newest = self._commanded.newest[number].with_(commanded)
+        if newest == self._commanded.newest[number] or self._has_plug_in:
             return
-        self._commanded[number] = newest
-        self._broadcast.commanded_rings = tuple(self._commanded)
-        before, flown = self._config, self._with_ring(number, newest)
+        self._commanded.newest[number] = newest
+        self._broadcast.commanded_rings = tuple(self._commanded.newest)
+        before, flown = self._config, self._commanded.flown(number, newest)
         ring = flown.encirclement
         if number == before.ring:
             self._config = replace(before, encirclement=ring, decision=flown.decision)
@@ -639,30 +648,11 @@ class VehicleCore:
             for each in (self._planner, self._altitude, self._neighbours):
                 each.change(self._config)
             values = ring.radius_m, ring.angular_rate_rad_s, ring.altitude_m, ring.tilt_deg
-            self._notes.add(self._now_s, RingCommanded(*values, ring=number))
+            name = before.rings[number].name if before.rings else ""
+            self._notes.add(self._now_s, RingCommanded(*values, ring=number, name=name))
 
     def _ring_refusal(self, number: int, commanded: CommandedRing) -> str:
         """Return why the vehicle cannot fly a commanded ring about the present target, empty if it can."""
         if self._has_plug_in:
             return "its plug-in planner flies a ring of its own"
-        mission, fence_m = self._mission_ring.on_ring(number), self._config.safety.fence_m
-        target_m = self._estimator.targets.position_m(mission.target)
-        reach_m = inf if target_m is None or not fence_m else Fence(fence_m).clearance_m(target_m)
-        return ring_refusal(changed(mission, commanded), reach_m)
-
-    def _with_ring(self, number: int, commanded: CommandedRing) -> AgentConfig:
-        """Return the mission's configuration on a ring with the commanded values.
-
-        Two operators may command values that do not go together, each to vehicles that have not received the other's.
-        All then fly the earlier one, with the later one if that is possible, whatever they have received first.
-        """
-        flown = self._mission_ring.on_ring(number)
-        for each in [commanded] if not ring_refusal(changed(flown, commanded), inf) else commanded.in_order():
-            wanted = changed(flown, each)
-            flown = flown if ring_refusal(wanted, inf) else wanted
-        return flown
-
-
-def changed(config: AgentConfig, commanded: CommandedRing) -> AgentConfig:
-    """Return a configuration with the commanded values of its ring."""
-    return config.with_ring(commanded.radius_m, commanded.angular_rate_rad_s, commanded.altitude_m, commanded.tilt_deg)
+        return self._commanded.refusal(number, commanded, self._config, self._estimator.targets.position_m)

@@ -101,13 +101,30 @@ class RingCommanded(msgspec.Struct, frozen=True):
     altitude_m: float | None = None
     tilt_deg: float = 0.0
     ring: int = 0
+    name: str = ""
+
+    @property
+    def text(self) -> str:
+        """It as text, with the ring's name in a mission of several."""
+        altitude = "" if self.altitude_m is None else f", its altitude {self.altitude_m:g} m"
+        tilt = f", its tilt {self.tilt_deg:g}°" if self.tilt_deg else ""
+        ring = f"the ring '{self.name}': its" if self.name else "the ring's"
+        return f"{ring} radius is {self.radius_m:g} m, its rate {self.angular_rate_rad_s:g} rad/s{altitude}{tilt}"
+
+
+class PeerRingRefusal(msgspec.Struct, frozen=True):
+    """A ring in a peer's state that is not flown, and why; it has a name in a mission of several rings."""
+
+    kind: ClassVar[Kind] = "command"
+    sender: int
+    reason: str
+    name: str = ""
 
     @property
     def text(self) -> str:
         """It as text."""
-        altitude = "" if self.altitude_m is None else f", its altitude {self.altitude_m:g} m"
-        tilt = f", its tilt {self.tilt_deg:g}°" if self.tilt_deg else ""
-        return f"the ring's radius is {self.radius_m:g} m, its rate {self.angular_rate_rad_s:g} rad/s{altitude}{tilt}"
+        ring = f"ring '{self.name}'" if self.name else "ring"
+        return f"refused the {ring} in vehicle {self.sender}'s state: {self.reason}"
 
 
 class RingChange(msgspec.Struct, frozen=True):
@@ -178,6 +195,7 @@ NotedEvent = (
     | ShapeChange
     | RingChange
     | RingCommanded
+    | PeerRingRefusal
     | GuardAction
     | ReferenceChange
     | Revocation

@@ -1,6 +1,6 @@
 """The ring that operators command in flight: whether a vehicle can fly it, and the way to it from the present ring."""
 
-from math import ceil, degrees, sqrt
+from math import ceil, degrees, inf, radians, sqrt
 from typing import Final
 
 import msgspec
@@ -10,6 +10,7 @@ from agents.ring.place import chord_m, even_places, weights_of
 from agents.ring.transition import TRACKED_SHARE, ShapedCoordinate, braked_rate, transition_of
 from agents.settings.config import AgentConfig
 from agents.settings.sections import EncirclementSettings
+from agents.team.messages import CommandedRing
 from estimation.vectors import limited
 
 _RADIUS_GAIN_PER_S, _SPEED_GAIN_PER_S = 0.6, 1.0
@@ -166,6 +167,32 @@ def ring_refusal(config: AgentConfig, reach_m: float) -> str:
     if radius_m > reach_m:
         return f"a ring of {radius_m:g} m leaves the fence: at most {max(reach_m, 0.0):.1f} m about the target"
     return _heights_refusal(config)
+
+
+def impossible_value(config: AgentConfig, commanded: CommandedRing) -> str:
+    """Return which commanded value no ring of a vehicle could have, whatever its other values; empty if there is none.
+
+    No vehicle with such limits has taken a command of such a value: a peer that publishes it has made it up.
+    """
+    bounds, turns_deg_s = ring_bounds(config), config.safety.yaw_rate_max_deg_s
+    radius_m, rate_rad_s, altitude_m = commanded.radius_m, commanded.angular_rate_rad_s, commanded.altitude_m
+    if radius_m is not None and not bounds.radius_min_m < radius_m < bounds.radius_max_m:
+        return f"no ring of {radius_m:g} m is possible: {bounds.radius_min_m:.1f} to {bounds.radius_max_m:g} m are"
+    if rate_rad_s is not None:
+        most_rad_s = bounds.rate_max_rad_s(bounds.radius_min_m) if bounds.radius_min_m > 0.0 else inf
+        if config.encirclement.yaw == "target":
+            most_rad_s = min(most_rad_s, radians(turns_deg_s))
+        if abs(rate_rad_s) > most_rad_s:
+            return f"no ring of {rate_rad_s:g} rad/s is possible: at most {most_rad_s:.3f} rad/s are"
+    if altitude_m is not None and not bounds.altitude_min_m <= altitude_m <= bounds.altitude_max_m:
+        low_m, high_m = bounds.altitude_min_m, bounds.altitude_max_m
+        return f"no ring at an altitude of {altitude_m:g} m is possible: {low_m:g} to {high_m:g} m are"
+    return ""
+
+
+def circles_apart_m(radius_m: float, other_m: float, centres_m: float) -> float:
+    """Return the distance of two circles whose centres are so far apart; 0 if they meet."""
+    return max(centres_m - (radius_m + other_m), abs(radius_m - other_m) - centres_m, 0.0)
 
 
 def _heights_refusal(config: AgentConfig) -> str:

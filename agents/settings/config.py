@@ -23,12 +23,16 @@ SETTLE_S = 3.0
 
 @dataclass(frozen=True, slots=True)
 class RingConfig:
-    """One of a mission's rings: its name, that of its target, how many vehicles fly on it at most, and its settings."""
+    """One of a mission's rings: its name, that of its target, how many vehicles fly on it at most, and its settings.
+
+    It may cut others if it is `shared`.
+    """
 
     name: str
     target: str
     places: int
     encirclement: EncirclementSettings
+    shared: bool = False
 
 
 @dataclass(frozen=True, slots=True)

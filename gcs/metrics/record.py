@@ -134,7 +134,7 @@ class FlightEvent:
     def to_dict(self) -> dict[str, object]:
         """Return it as plain data; `alert`, `command`, `reference`, `guard` and `ring` only where it has one.
 
-        The number of a commanded `ring` is left out where it is 0.
+        The number of a commanded `ring` is left out where it is 0; its name is in the text.
         """
         plain: dict[str, object] = {
             "time_s": self.time_s,
@@ -145,8 +145,10 @@ class FlightEvent:
         names = ("alert", "command", "reference", "guard", "ring")
         values = {name: getattr(self, name) for name in names}
         known = {name: msgspec.structs.asdict(each) for name, each in values.items() if each is not None}
-        if self.ring is not None and not self.ring.ring:
-            del known["ring"]["ring"]
+        if self.ring is not None:
+            del known["ring"]["name"]
+            if not self.ring.ring:
+                del known["ring"]["ring"]
         return plain | known
 
 

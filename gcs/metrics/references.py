@@ -212,7 +212,7 @@ def ring_reference(mission: Mission, events: Iterable[FlightEvent] = ()) -> Desi
         if event.ring is None:
             continue
         values = msgspec.structs.asdict(event.ring)
-        del values["ring"]  # its number
+        del values["ring"], values["name"]
         commanded = ring.model_copy(update=values)
         later = range(at.get(event.vehicle, 0) + 1, len(noted))
         # Every vehicle notes the ring, the last one perhaps after the first has noted the next.

@@ -46,7 +46,8 @@ def _digest(mission: Mission) -> str:
         sections["targets"] = [_comparable(each) for each in mission.targets]
     if mission.rings:
         sections["rings"] = [
-            [each.name, each.target, each.places, each.encirclement.model_dump(mode="json")] for each in mission.rings
+            [each.name, each.target, each.places, each.encirclement.model_dump(mode="json"), each.shared]
+            for each in mission.rings
         ]
     vehicles = [each.section.model_dump(mode="json", exclude=_OF_ONE_COMPUTER) for each in mission.vehicles]
     profiles = [each.profile.plant for each in mission.vehicles]

@@ -432,12 +432,16 @@ class MissionVehicle:
 
 @dataclass(frozen=True, slots=True)
 class MissionRing:
-    """One of a mission's rings: its name, the number of its target among the mission's, its places and settings."""
+    """One of a mission's rings: its name, the number of its target among the mission's, its places and settings.
+
+    It may cut others if it is `shared`.
+    """
 
     name: str
     target: int
     places: int
     encirclement: EncirclementSettings
+    shared: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -562,7 +566,11 @@ class Mission:
             targets=tuple(each.name for each in self.targets),
             rings=tuple(
                 RingConfig(
-                    each.name, self.targets[each.target].name if self.targets else "", each.places, each.encirclement
+                    each.name,
+                    self.targets[each.target].name if self.targets else "",
+                    each.places,
+                    each.encirclement,
+                    each.shared,
                 )
                 for each in self.rings
             ),

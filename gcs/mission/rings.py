@@ -59,7 +59,9 @@ class SeveralRings:
         if self.rings is None or len(self.rings) < 2:
             return ()
         return tuple(
-            MissionRing(ring.name, ring.target or 0, ring.section.places, _settings(encirclement, ring))
+            MissionRing(
+                ring.name, ring.target or 0, ring.section.places, _settings(encirclement, ring), ring.section.shared
+            )
             for ring in self.rings
         )
 

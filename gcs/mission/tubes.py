@@ -5,6 +5,7 @@ from itertools import combinations, pairwise
 from math import dist, inf
 from typing import NamedTuple
 
+from agents.ring.commanded_ring import circles_apart_m
 from agents.settings.sections import EncirclementSettings, SafetySettings
 from gcs.errors import KeyFault
 from gcs.mission.mission import MissionSection, VehicleSection
@@ -72,14 +73,13 @@ def nearest_m(one: Tube, other: Tube, duration_s: float) -> tuple[float, float]:
     for from_s, to_s in pairwise(corners_s):
         turn_s = _nearest_s(one, other, from_s, to_s)
         times_s = (from_s, *_cut_s(one, other, from_s, turn_s), turn_s, *_cut_s(one, other, turn_s, to_s), to_s)
-        least = min(least, *((_between_m(one, other, _apart_m(one, other, at_s)), at_s) for at_s in times_s))
+        least = min(least, *((_between_m(one, other, at_s), at_s) for at_s in times_s))
     return least
 
 
-def _between_m(one: Tube, other: Tube, apart_m: float) -> float:
-    """Return the distance of two circles whose centres are so far apart; 0 if they meet."""
-    radius_m, other_m = one.ring.radius_m, other.ring.radius_m
-    return max(apart_m - (radius_m + other_m), abs(radius_m - other_m) - apart_m, 0.0)
+def _between_m(one: Tube, other: Tube, at_s: float) -> float:
+    """Return the distance of two circles at a time."""
+    return circles_apart_m(one.ring.radius_m, other.ring.radius_m, _apart_m(one, other, at_s))
 
 
 def _apart_m(one: Tube, other: Tube, at_s: float) -> float:

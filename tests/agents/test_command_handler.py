@@ -181,6 +181,15 @@ def test_a_vehicle_is_assigned_to_a_ring_unless_it_lands(tactic: Tactic, follows
     assert commands.assigned == (None if did.startswith("refused") else 2)
 
 
+def test_a_vehicle_that_is_on_its_assigned_ring_already_says_so() -> None:
+    commands, on = handler(*RINGS), Circumstances(ring=1)
+    assert (
+        answer_to(commands, assigning(1, 5.0, 1), circumstances=on) == "is on the ring 'south' already, and stays there"
+    )
+    assert commands.assigned == 1, "it would choose another ring later without that"
+    assert answer_to(commands, assigning(2, 6.0, 2), circumstances=on).startswith("goes to the ring")
+
+
 def test_what_assigns_nothing_is_refused_and_the_newest_assignment_applies() -> None:
     commands = handler(*RINGS)
     assert answer_to(commands, assigning(1, 5.0, 1)) == "goes to the ring 'south'"

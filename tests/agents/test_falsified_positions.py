@@ -15,13 +15,14 @@ import pytest
 
 from agents.core import VehicleCore
 from agents.inputs import TacticEvent
+from agents.notes import Note
 from agents.outputs import Outgoing, TickOutput
 from agents.safety.failsafe import Condition
 from agents.settings.config import AgentConfig
 from agents.settings.sections import FailsafeSettings
 from agents.tactics import Event
 from agents.team.codec import encode
-from agents.team.messages import BusMessage, MemberState, TargetPackage
+from agents.team.messages import BusMessage, CommandedRing, MemberState, TargetPackage
 from estimation.state import POSITION
 from gcs.flight.simulated import simulated_vehicles
 from tests.support.mission_text import CASE2, Content, content, parsed
@@ -251,3 +252,48 @@ def test_teams_without_faults_raise_no_doubt_with_loss_delay_and_drift(scene: Ca
     mission["target"]["sensor"]["noise_m"] = 0.3
     outcome = flown(lambda _, message: [message], Scene(mission, 0.0, 60.0))
     assert outcome.since_s == {}
+
+
+RING_M, ROOM_M = 10.0, 24.0
+"""The radius of case2's ring, and how far the sides of the fence are from the target when the lies begin."""
+
+
+@pytest.mark.parametrize(
+    ("radii_m", "flown_m", "reason"),
+    [
+        ((500.0, 400.0), RING_M, "no ring of"),
+        ((30.0, 28.0), RING_M, "leaves the fence"),
+        ((15.0,), 15.0, ""),
+    ],
+)
+def test_a_liar_that_publishes_rings_is_followed_only_where_an_operator_could_command(
+    radii_m: tuple[float, ...], flown_m: float, reason: str
+) -> None:
+    """It changes what it publishes every second. A ring that is possible cannot be told from one that it missed."""
+    scene = on_the_ring()
+    scene.mission["mission"]["duration_s"] = scene.duration_s
+    x, y = scene.mission["target"]["start_m"]
+    scene.mission["safety"]["fence_m"] = [
+        [x + along * ROOM_M, y + across * ROOM_M] for along, across in ((-1, -1), (1, -1), (1, 1), (-1, 1))
+    ]
+    mission = parsed(scene.mission)
+
+    def publishes(since_s: float, state: MemberState) -> list[MemberState]:
+        radius_m = radii_m[int(since_s) % len(radii_m)]
+        return [msgspec.structs.replace(state, ring=CommandedRing(radius_m, state.time_s))]
+
+    vehicles = simulated_vehicles(mission, 1, partial(Liar, publishes, scene.from_s, False))
+    events: list[Note] = []
+
+    def observe(_tick: int, index: int, output: TickOutput) -> None:
+        if mission.ids[index] != LIAR:
+            events.extend(output.status.notes)
+
+    flight = observed(mission, 1, observe, duration_s=scene.duration_s, vehicles=vehicles)
+    target_m, _ = mission.target.motion.over(flight.time_s)
+    honest = [index for index, each in enumerate(mission.ids) if each != LIAR]
+    away_m = np.linalg.norm(flight.motion[..., POSITION] - target_m[:, None], axis=-1)[:, honest]
+    assert away_m[flight.time_s > scene.duration_s - 5.0] == pytest.approx(flown_m, abs=0.4)
+    refused = [each.text for each in events if each.text.startswith("refused the ring in vehicle 3's state")]
+    assert all(reason in each for each in refused)
+    assert bool(refused) is bool(reason)

@@ -147,9 +147,9 @@ def test_a_peer_with_a_ring_that_cannot_be_flown_is_not_followed(
     for number, values in enumerate((RingValues(12.0), RingValues(radius_m, rate_rad_s))):
         told = MISSION_RING.commanded(values, 10.0 + number)
         core.take(Message(20.0 + number, peer(20.0 + number, told)))
-    notes = [note.ring for note in core.tick(21.1).status.notes if note.ring is not None]
-    last = notes[-1]
-    assert (last.radius_m, last.angular_rate_rad_s) == (10.0 if radius_m else 12.0, 0.05)
+    notes = core.tick(21.1).status.notes
+    assert [(each.ring.radius_m, each.ring.angular_rate_rad_s) for each in notes if each.ring] == [(12.0, 0.05)]
+    assert notes[-1].text.startswith("refused the ring in vehicle 1's state: no ring of ")
 
 
 def test_a_peer_cannot_date_a_ring_ahead_of_its_message(make_config: Maker) -> None:

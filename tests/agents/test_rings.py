@@ -1,6 +1,6 @@
 """Vehicles on several rings, in closed loop: who flies where, when one is lost, assigned, or a ring is commanded.
 
-`python -m tests.experiments.rings 100` flies many more teams.
+`python -m tests.experiments.rings 100` and `ring_sequences` fly many more teams.
 """
 
 from dataclasses import replace
@@ -8,11 +8,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from agents.core import VehicleCore
+from agents.inputs import Message
 from agents.notes import TacticChange
 from agents.outputs import TickOutput
 from agents.tactics import Tactic
 from agents.team.messages import OperatorCommand, RingValues
 from sitl.simulation.simulation import Absence, SimulatedFlight
+from tests.experiments import ring_sequences
 from tests.experiments.membership_scenes import Scene, flown
 from tests.experiments.rings import drawn, measured, separation_left_m
 from tests.support.mission_text import CASE2, Content, content, drawn_vehicle, faults, parsed
@@ -25,7 +28,7 @@ ABREAST, IN_TWO_DIRECTIONS = 4038, 6018
 
 @pytest.mark.parametrize("seed", [FOUR_TARGETS, STACK_WITH_A_LOSS, CONCENTRIC])
 def test_every_vehicle_flies_on_a_ring_with_a_place_and_keeps_it(seed: int) -> None:
-    assert measured(seed).reasons == ()
+    assert measured(seed).reasons == []
 
 
 @pytest.mark.parametrize("seed", [ABREAST, IN_TWO_DIRECTIONS])
@@ -100,6 +103,19 @@ def test_a_vehicle_that_is_assigned_goes_to_the_other_ring_and_one_there_makes_r
     assert len(seen.tactics[5 - moved]) == 2  # start and engagement: it stays
     assert {**seen.radii_m(0), **seen.radii_m(1)} == pytest.approx(dict.fromkeys((1, 2, 3), 8.0), abs=0.3)
     assert seen.least_m() > scene.mission.safety.separation_m
+
+
+def test_a_vehicle_off_the_rings_is_not_on_its_assigned_one_yet() -> None:
+    mission = parsed(two_rings((1, 2)))
+    core = VehicleCore(mission.agent_config(mission.vehicles[0]))
+    core.take(Message(1.0, assigned(1, 0, 1.0)))
+    outcomes = [note.command for note in core.tick(1.1).status.notes if note.command is not None]
+    assert [each.did for each in outcomes] == ["will go, once on its mission, to the ring 'left'"]
+
+
+def test_commands_of_several_rings_are_flown_in_any_sequence() -> None:
+    """Four vehicles on a stack of three rings, one ring commanded and four assignments."""
+    assert ring_sequences.measured(3).reasons == []
 
 
 def test_a_ring_that_loses_a_vehicle_closes_up_and_the_others_stay() -> None:

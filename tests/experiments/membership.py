@@ -24,6 +24,8 @@ from tests.experiments.membership_scenes import SCENES, Scene, flown
 ON_RING_SHARE = 0.05
 NEAR_RING_SHARE = 0.15
 SPACING_DEG, SPACING_M = 5.0, 0.3
+HEIGHTS_OFF_M = 0.5
+"""How far the heights of two vehicles above each other are off theirs, in sum."""
 
 
 @dataclass(frozen=True)
@@ -105,13 +107,18 @@ def formation_settled_s(scene: Scene, flight: SimulatedFlight, stay: NDArray[np.
 
 
 def separation_left_m(scene: Scene, flight: SimulatedFlight) -> float:
-    """Return the smallest distance between two vehicles in the air beyond the separation."""
-    least = inf
+    """Return the smallest distance between two vehicles in the air beyond the separation.
+
+    With several rings two that are above each other are left out.
+    """
+    least, safety = inf, scene.mission.safety
+    above_m = safety.vertical_separation_m - HEIGHTS_OFF_M if scene.mission.rings else inf
     for one, other in combinations(range(flight.motion.shape[1]), 2):
         both = flight.aloft[:, one] & flight.aloft[:, other]
-        apart_m = np.linalg.norm(flight.motion[both, one, :2] - flight.motion[both, other, :2], axis=-1)
+        near = both & (np.abs(flight.altitude_m[:, one] - flight.altitude_m[:, other]) < above_m)
+        apart_m = np.linalg.norm(flight.motion[near, one, :2] - flight.motion[near, other, :2], axis=-1)
         least = min(least, float(apart_m.min(initial=inf)))
-    return least - scene.mission.safety.separation_m
+    return least - safety.separation_m
 
 
 def overtakings(polar: NDArray[np.complex128], ring_m: float) -> int:

@@ -22,9 +22,10 @@ from agents.settings.shapes import SHAPES, SPACED_SHAPES, Shape, offset_m
 from agents.tactics import NO_TACTIC
 from agents.team.messages import OperatorCommand
 from estimation.state import POSITION, VELOCITY, Vector
-from gcs.metrics.record import FlightEvent, FlightRecord, LoopStatistics, Mask, VehicleTrack, in_order
+from gcs.metrics.record import FlightEvent, FlightRecord, LoopStatistics, Mask, TargetPath, VehicleTrack, in_order
 from gcs.metrics.references import ring_reference
 from gcs.metrics.ring import SETTLED_RADIUS_FRACTION, SETTLED_SPACING_RAD, RingMotion, on_ring, ring_motion
+from gcs.metrics.targets import ring_targets_of, targets_of
 from gcs.metrics.transitions import ACCELERATION_SPAN_S, RelativeMotion, overshoot_deg, relative_motion
 from gcs.mission.mission import Mission
 from sitl.simulation.simulation import Absence, SimulatedFlight
@@ -203,36 +204,41 @@ def recorded(scene: Scene, seed: int) -> tuple[FlightRecord, SimulatedFlight, Ma
 
     A vehicle without an agent has no tactic.
     """
-    mission = scene.mission
+    mission, has_rings = scene.mission, len(scene.mission.rings) > 1
     tactics = np.full((len(mission.ids), round(scene.duration_s * mission.mission.rate_hz) + 1), NO_TACTIC, "<U16")
     guarded = np.zeros(tactics.shape, dtype=np.bool_)
+    rings = np.zeros(tactics.shape, dtype=np.intp)
     events = list[FlightEvent]()
     acts = round(GUARD_ACTS_S * mission.mission.rate_hz)
 
     def observe(tick: int, vehicle: int, output: TickOutput) -> None:
         status = output.status
-        tactics[vehicle, tick] = status.tactic.value
+        tactics[vehicle, tick], rings[vehicle, tick] = status.tactic.value, status.ring
         events.extend(FlightEvent.of(status.vehicle_id, note) for note in status.notes)
         if status.guarded is not None and status.guarded.causes:
             guarded[vehicle, tick : tick + acts] = True
 
     flight = flown(scene, seed, observe)
-    target, times_s = mission.target.motion, flight.time_s.tolist()
+    position_m, velocity_m_s = mission.target.motion.over(flight.time_s)
     record = FlightRecord(
         mission=mission.mission.name,
         seed=seed,
         source="simulation",
         reference="truth",
         time_s=flight.time_s,
-        target_position_m=np.array([target.position_m(at_s) for at_s in times_s]),
-        target_velocity_m_s=np.array([target.velocity_at_m_s(at_s) for at_s in times_s]),
+        target_position_m=position_m,
+        target_velocity_m_s=velocity_m_s,
         vehicles=tuple(
-            VehicleTrack(vehicle_id, motion[:, POSITION], motion[:, VELOCITY], tactic)
-            for vehicle_id, motion, tactic in zip(mission.ids, flight.motion.swapaxes(0, 1), tactics, strict=True)
+            VehicleTrack(vehicle_id, motion[:, POSITION], motion[:, VELOCITY], tactic, ring=ring if has_rings else None)
+            for vehicle_id, motion, tactic, ring in zip(
+                mission.ids, flight.motion.swapaxes(0, 1), tactics, rings, strict=True
+            )
         ),
         loop=LoopStatistics(mission.mission.rate_hz, flight.tick_us.size, 0),
         wall_time_s=0.0,
         events=in_order(events),
+        targets=tuple(TargetPath(*each.motion.over(flight.time_s)) for each in targets_of(mission)),
+        ring_targets=ring_targets_of(mission),
     )
     return record, flight, guarded
 

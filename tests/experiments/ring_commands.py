@@ -7,7 +7,6 @@ is the true motion. Exit code 1 if a limit is exceeded.
 
 import sys
 from collections.abc import Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from math import inf, sqrt
@@ -19,6 +18,7 @@ from agents.ring.commanded_ring import ring_refusal
 from agents.ring.feasibility import RESERVE
 from agents.ring.transition import transition_of
 from agents.settings.config import AgentConfig
+from agents.settings.sections import EncirclementSettings
 from agents.team.messages import OperatorCommand, RingValues
 from estimation.state import Vector
 from gcs.metrics.record import FlightRecord, Mask
@@ -26,6 +26,7 @@ from gcs.metrics.references import DesiredRing, ring_reference
 from gcs.metrics.ring import RingMotion, off_ring, on_ring, ring_motion
 from gcs.metrics.transitions import overshoot_deg, relative_motion
 from tests.experiments.arguments import parser
+from tests.experiments.judged import Judged, Measure, judged_flights
 from tests.experiments.membership import separation_left_m
 from tests.experiments.membership_scenes import Scene
 from tests.experiments.random_joins import BOUND_SHARE, OVERSHOOT_DEG, drawn, recorded
@@ -59,16 +60,7 @@ def _values(
 ) -> RingValues:
     """Return values of a ring that all vehicles can fly about their target, and see it from there."""
     while True:
-        radius_m = float(random.uniform(*RADII_M))
-        rate_rad_s = float(random.uniform(*SPEEDS_M_S) * random.choice([-1.0, 1.0]) / radius_m)
-        which = random.integers(3)
-        altitude_m, tilt_deg = (float(random.uniform(*each)) for each in (ALTITUDES_M, TILTS_DEG))
-        values = RingValues(
-            None if which == 0 else radius_m,
-            None if which == 1 else rate_rad_s,
-            altitude_m if random.random() < 0.5 else None,
-            tilt_deg if random.random() < 0.5 else None,
-        )
+        values = drawn_values(random)
         wanted = [each.with_ring(*astuple(values)) for each in configs]
         ring = wanted[0].encirclement
         along_m_s = abs(ring.angular_rate_rad_s) * ring.radius_m
@@ -79,6 +71,20 @@ def _values(
             and not any(ring_refusal(each, inf) for each in wanted)
         ):
             return values
+
+
+def drawn_values(random: np.random.Generator) -> RingValues:
+    """Return values of a ring, which need not be possible: radius or rate or both, and perhaps altitude and tilt."""
+    radius_m = float(random.uniform(*RADII_M))
+    rate_rad_s = float(random.uniform(*SPEEDS_M_S) * random.choice([-1.0, 1.0]) / radius_m)
+    which = random.integers(3)
+    altitude_m, tilt_deg = (float(random.uniform(*each)) for each in (ALTITUDES_M, TILTS_DEG))
+    return RingValues(
+        None if which == 0 else radius_m,
+        None if which == 1 else rate_rad_s,
+        altitude_m if random.random() < 0.5 else None,
+        tilt_deg if random.random() < 0.5 else None,
+    )
 
 
 def least_s(before: Vector, after: Vector, config: AgentConfig) -> float:
@@ -94,40 +100,20 @@ def least_s(before: Vector, after: Vector, config: AgentConfig) -> float:
 
 
 @dataclass(frozen=True)
-class Changed:
-    """One flight: how many commands, the worst of each quantity, and the commands that took too long.
+class Changed(Judged):
+    """One flight: how many rings were commanded and long enough flown to be judged, and which of them took too long.
 
-    Speed and acceleration are shares of the limits of the encirclement. `left_m` is the separation that is left.
+    Speed and acceleration are shares of the limits of the encirclement. The separation is what is left of it.
     """
 
-    seed: int
-    vehicles: int
-    commands: int
-    judged: int
-    overshoot_deg: float
-    speed_share: float
-    acceleration_share: float
-    left_m: float
-    late: tuple[str, ...]
+    commands: int = 0
+    judged: int = 0
+    late: tuple[str, ...] = ()
 
     @property
     def reasons(self) -> list[str]:
         """What misses its limit."""
-        found = [
-            (self.overshoot_deg > OVERSHOOT_DEG, f"overshoot {self.overshoot_deg:.1f} deg"),
-            (self.speed_share > BOUND_SHARE, f"speed {self.speed_share:.2f} of its limit"),
-            (self.acceleration_share > BOUND_SHARE, f"acceleration {self.acceleration_share:.2f} of its limit"),
-            (self.left_m < 0.0, f"separation {self.left_m:+.2f} m"),
-            (self.commands > 0 and self.judged == 0, "no command was long enough flown to be judged"),
-        ]
-        return [words for missed, words in found if missed] + list(self.late)
-
-    def __str__(self) -> str:
-        return (
-            f"seed {self.seed}: n {self.vehicles}, {self.commands} commands: overshoot {self.overshoot_deg:.1f} deg, "
-            f"speed {self.speed_share:.2f}, acceleration {self.acceleration_share:.2f}, separation {self.left_m:+.2f} m"
-            f"{''.join(f'; {each}' for each in self.late)}"
-        )
+        return [*super().reasons, *self.late]
 
 
 def measured(seed: int) -> Changed:
@@ -136,25 +122,34 @@ def measured(seed: int) -> Changed:
     record, flight, _ = recorded(scene, seed)
     ring = ring_reference(scene.mission, record.events)
     motion = ring_motion(record, ring.gaps)
-    from_s = scene.told[0].time_s
     # Before the first command it is a flight of random_joins.
-    member = motion.member & (record.time_s >= from_s)
-    relative = relative_motion(record, motion, ring)
-    settings = scene.mission.encirclement
+    member = motion.member & (record.time_s >= scene.told[0].time_s)
     config = scene.mission.agent_config(scene.mission.vehicles[0])
     settlings = list(_settlings(record, motion, ring, config))
     on = on_ring(record.time_s, replace(motion, member=member), ring)
-    return Changed(
-        seed,
-        len(scene.mission.ids),
-        len(ring.earlier),
-        len(settlings),
-        max((overshoot_deg(motion, on, span) or 0.0 for span in _spans(record.time_s, ring)), default=0.0),
-        _most(relative.speed_m_s, member) / settings.speed_max_m_s,
-        _most(relative.acceleration_m_s2, member) / settings.acceleration_max_m_s2,
-        separation_left_m(scene, flight),
-        tuple(words for words in settlings if words),
+    overshot_deg = max((overshoot_deg(motion, on, span) or 0.0 for span in _spans(record.time_s, ring)), default=0.0)
+    measures = (
+        Measure("overshoot", overshot_deg, OVERSHOOT_DEG, "deg"),
+        *gentleness(record, motion, member, ring, scene.mission.encirclement),
+        Measure("separation", separation_left_m(scene, flight), 0.0, "m", at_least=True),
     )
+    commands = len(ring.earlier)
+    faults = ("no command was long enough flown to be judged",) if commands and not settlings else ()
+    about, late = f"n {len(scene.mission.ids)}, {commands} commands", tuple(words for words in settlings if words)
+    return Changed(seed, about, measures, faults, commands, len(settlings), late)
+
+
+def gentleness(
+    record: FlightRecord, motion: RingMotion, member: Mask, ring: DesiredRing, settings: EncirclementSettings
+) -> tuple[Measure, Measure]:
+    """Return the largest speed and acceleration of members (V, T) of a ring, as shares of their limits."""
+    relative = relative_motion(record, motion, ring)
+    limits = (
+        ("speed share", relative.speed_m_s, settings.speed_max_m_s),
+        ("acceleration share", relative.acceleration_m_s2, settings.acceleration_max_m_s2),
+    )
+    first, second = (Measure(name, _most(values, member) / most, BOUND_SHARE) for name, values, most in limits)
+    return first, second
 
 
 def _spans(time_s: Vector, ring: DesiredRing) -> Iterator[slice]:
@@ -193,27 +188,13 @@ def _most(values: Vector, where: Mask) -> float:
     return float(np.nanmax(values[where], initial=0.0))
 
 
-def main(count: int, first: int, *, listed: bool) -> int:
-    """Fly a number of missions, from the seed `first` on, on all cores."""
-    flights = []
-    with ProcessPoolExecutor() as pool:
-        for flight in pool.map(measured, range(first, first + count)):
-            flights.append(flight)
-            if listed:
-                print(flight, flush=True)
+def verdict(flights: Sequence[Changed]) -> int:
+    """Print how many rings settled in time; return 1 if too few did, or two vehicles came too near, else 0."""
     judged, late = sum(each.judged for each in flights), sum(len(each.late) for each in flights)
-    print(
-        f"{sum(each.commands for each in flights)} rings commanded in {count} flights, {judged} long enough to settle"
-    )
+    commands = sum(each.commands for each in flights)
+    print(f"{commands} rings commanded in {len(flights)} flights, {judged} long enough to settle")
     print(f"settled in time: {1.0 - late / max(judged, 1):.1%}")
-    print(f"largest speed {max(each.speed_share for each in flights):.2f} of its limit")
-    print(f"largest acceleration {max(each.acceleration_share for each in flights):.2f} of its limit")
-    print(f"overshoot: {max(each.overshoot_deg for each in flights):.1f} deg at most")
-    print(f"separation left: {min(each.left_m for each in flights):+.2f} m at least")
-    missed = [each for each in flights if each.reasons]
-    print(f"{len(missed)} of {count} miss a limit")
-    print(*(f"  seed {each.seed}: {'; '.join(each.reasons)}" for each in missed), sep="\n", flush=True)
-    separated = all(each.left_m >= 0.0 for each in flights)
+    separated = all(each.value("separation") >= 0.0 for each in flights)
     return 0 if separated and late <= (1.0 - IN_TIME_SHARE) * judged else 1
 
 
@@ -223,4 +204,4 @@ if __name__ == "__main__":
     reader.add_argument("--seed", type=int, default=0, help="first seed (default: %(default)s)")
     reader.add_argument("--list", action="store_true", help="print every flight")
     given = reader.parse_args()
-    sys.exit(main(given.count, given.seed, listed=given.list))
+    sys.exit(verdict(judged_flights(measured, given.seed, given.count, listed=given.list)))

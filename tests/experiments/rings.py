@@ -8,21 +8,21 @@ exceeded.
 
 import sys
 from collections.abc import Iterator
-from concurrent.futures import ProcessPoolExecutor
-from dataclasses import dataclass
-from itertools import combinations, pairwise
-from math import cos, dist, inf, pi, sin, tau
+from itertools import pairwise
+from math import cos, dist, pi, sin, tau
 
 import numpy as np
 from numpy.typing import NDArray
 
-from agents.outputs import TickOutput
-from agents.tactics import Tactic
-from gcs.metrics.record import Mask
+from gcs.metrics.record import FlightRecord, Mask
+from gcs.metrics.references import DesiredRing, ring_references
 from gcs.mission.mission import Mission
-from sitl.simulation.simulation import Absence, SimulatedFlight
+from sitl.simulation.simulation import Absence
 from tests.experiments.arguments import seeded_parser
-from tests.experiments.membership_scenes import PLANT_OFF_MOST, Scene, abreast, drawn_rate, flown
+from tests.experiments.judged import Judged, Measure, judged_flights
+from tests.experiments.membership import separation_left_m
+from tests.experiments.membership_scenes import PLANT_OFF_MOST, Scene, abreast, drawn_rate
+from tests.experiments.random_joins import recorded
 from tests.support.mission_text import CASE2, Content, content, drawn_vehicle, parsed
 
 ON_RINGS_S, LOST_S, FALLEN_S, JUDGED_S = 80.0, 90.0, 95.0, 40.0
@@ -34,18 +34,30 @@ RADIUS_M, RATE_RAD_S, SPACING_DEG = 0.3, 0.002, 4.0
 """Limits of a ring at the end, root mean squares, and the mean of the rate, with noise and plants that are off."""
 ALTITUDES_M = (8.0, 12.0, 16.0)
 VERTICAL_M = 3.0
+KINDS = ("targets", "stack", "concentric")
 
 
 def drawn(seed: int) -> Scene:
     """Return the mission of a seed, and who is lost."""
     random = np.random.default_rng([21, seed])
-    kind, count = str(random.choice(["targets", "stack", "concentric"])), int(random.integers(3, 13))
+    mission = team(random)
+    mission["mission"]["duration_s"] = DURATION_S
+    if "targets" in mission and random.random() < 0.5:
+        mission["targets"][0]["changes"] = [[FALLEN_S, 0.2, 0.2]]
+    count = len(mission["vehicles"])
+    lost = (Absence(int(random.integers(1, count + 1)), LOST_S),) if random.random() < 0.5 else ()
+    return Scene(parsed(mission), lost, DURATION_S, ON_RINGS_S)
+
+
+def team(random: np.random.Generator, most: int = 12, off_most: float = PLANT_OFF_MOST) -> Content:
+    """Return the mission of three to `most` vehicles, whose plants are off by up to a share, in a line before rings."""
+    kind = KINDS[random.integers(len(KINDS))]
+    count = int(random.integers(3, most + 1))
     number = int(random.integers(2, 5 if kind == "targets" else 4))
     mission = content(CASE2)
     starts_m = abreast(count)
     mission["formation"] |= {"leader": count // 2 + 1, "speed_m_s": 0.3}
-    mission["vehicles"] = [drawn_vehicle(random, slot, at_m, PLANT_OFF_MOST) for slot, at_m in enumerate(starts_m)]
-    mission["mission"]["duration_s"] = DURATION_S
+    mission["vehicles"] = [drawn_vehicle(random, slot, at_m, off_most) for slot, at_m in enumerate(starts_m)]
     mission["decision"]["distance_max_m"] = 300.0
     mission["safety"] |= {"vertical_separation_m": VERTICAL_M, "lost_avoided_s": LOST_AVOIDED_S}
     mission["network"] = {
@@ -82,10 +94,7 @@ def drawn(seed: int) -> Scene:
         mission["targets"] = _targets(random, radii_m, clear_m)
         for k, ring in enumerate(mission["rings"]):
             ring["target"] = f"target{k}"
-        if random.random() < 0.5:
-            mission["targets"][0]["changes"] = [[FALLEN_S, 0.2, 0.2]]
-    lost = (Absence(int(random.integers(1, count + 1)), LOST_S),) if random.random() < 0.5 else ()
-    return Scene(parsed(mission), lost, DURATION_S, ON_RINGS_S)
+    return mission
 
 
 def _places(random: np.random.Generator, count: int, number: int) -> list[int]:
@@ -117,85 +126,70 @@ def _targets(random: np.random.Generator, radii_m: list[float], ahead_m: float) 
     return targets
 
 
-@dataclass(frozen=True)
-class Rings:
-    """One flight: what misses its limit, how often vehicles changed rings, and the worst of each quantity."""
-
-    seed: int
-    vehicles: int
-    rings: int
-    kind: str
-    changes: int
-    left_m: float
-    radius_m: float
-    rate_rad_s: float
-    spacing_deg: float
-    reasons: tuple[str, ...]
-
-    def __str__(self) -> str:
-        return (
-            f"seed {self.seed}: {self.vehicles} vehicles, {self.rings} rings ({self.kind}), {self.changes} changes, "
-            f"separation {self.left_m:+.2f} m, radius {self.radius_m:.3f} m, rate {self.rate_rad_s:.5f} rad/s, "
-            f"spacing {self.spacing_deg:.2f} deg{''.join(f'; {each}' for each in self.reasons)}"
-        )
-
-
-def measured(seed: int) -> Rings:
+def measured(seed: int) -> Judged:
     """Fly the team of a seed, and measure."""
     scene = drawn(seed)
-    mission, count = scene.mission, len(scene.mission.ids)
-    ticks = round(scene.duration_s * mission.mission.rate_hz) + 1
-    on = np.full((ticks, count), -1)
-
-    def observe(tick: int, vehicle: int, output: TickOutput) -> None:
-        status = output.status
-        on[tick, vehicle] = status.ring if status.tactic is Tactic.ENCIRCLE else -1
-
-    flight = flown(scene, seed, observe)
-    there, judged_from = scene.there(flight.time_s), ticks - round(JUDGED_S * mission.mission.rate_hz)
-    on[~there] = -1
-    each_changes = [_changes(on[:, index]) for index in range(count)]
+    mission = scene.mission
+    record, flight, _ = recorded(scene, seed)
+    on = on_rings(record)
+    changes = {vehicle: _changes(row) for vehicle, row in zip(mission.ids, on, strict=True)}
     fallen = bool(mission.targets) and bool(mission.targets[0].changes)
     most = len(scene.absences) + fallen
-    reasons = [f"vehicle {i} changed {n} times" for i, n in zip(mission.ids, each_changes, strict=True) if n > most]
-    if fallen and there[-1].sum() <= sum(each.places for each in mission.rings[1:]) and (on[judged_from:] == 0).any():
-        reasons.append("a vehicle stays with the unimportant target though there is a place elsewhere")
-    worst = np.zeros(3)
-    judged = flight.time_s >= flight.time_s[judged_from]
-    for number, ring in enumerate(mission.rings):
-        members = np.flatnonzero((on[judged] == number).any(axis=0))
-        if len(members) > ring.places:
-            reasons.append(f"{len(members)} vehicles on {ring.places} places of {ring.name}")
-        if members.size:
-            found = np.array([*_ring(mission.of_ring(number), flight, judged, members)])
-            worst = np.maximum(worst, found)
-    without = [mission.ids[index] for index in range(count) if there[-1, index] and (on[judged, index] < 0).any()]
-    reasons += [f"vehicle {each} is on no ring" for each in without]
-    radius_m, rate_rad_s, spacing_deg = worst.tolist()
-    for value, limit, name in zip(
-        worst, (RADIUS_M, RATE_RAD_S, SPACING_DEG), ("radius", "rate", "spacing"), strict=True
-    ):
-        reasons += [f"{name} {value:.4g}"] if value > limit else []
-    left_m = separation_left_m(scene, flight)
-    reasons += [f"separation {left_m:+.2f} m"] if left_m < 0.0 else []
-    kind = (
-        "targets"
-        if mission.targets
-        else "stack"
-        if mission.rings[0].encirclement.altitude_m is not None
-        else "concentric"
+    faults = [f"vehicle {vehicle} changed {times} times" for vehicle, times in changes.items() if times > most]
+    judged, there = late(record, JUDGED_S), scene.there(flight.time_s)[-1]
+    if fallen and there.sum() <= sum(each.places for each in mission.rings[1:]) and (on[:, judged] == 0).any():
+        faults.append("a vehicle stays with the unimportant target though there is a place elsewhere")
+    about = (
+        f"{len(mission.ids)} vehicles, {len(mission.rings)} rings ({kind_of(mission)}), {sum(changes.values())} changes"
     )
-    return Rings(
-        seed,
-        count,
-        len(mission.rings),
-        kind,
-        sum(each_changes),
-        left_m,
-        radius_m,
-        rate_rad_s,
-        spacing_deg,
-        tuple(reasons),
+    faults += place_faults(mission, on[:, judged], there)
+    separation = Measure("separation", separation_left_m(scene, flight), 0.0, "m", at_least=True)
+    return Judged(seed, about, (separation, *conditions(mission, record, JUDGED_S)), tuple(faults))
+
+
+def kind_of(mission: Mission) -> str:
+    """Return what kind the rings of a mission of `team` are."""
+    if mission.targets:
+        return "targets"
+    altitudes_m = {each.encirclement.altitude_m for each in mission.rings}
+    return "stack" if len(altitudes_m) > 1 else "concentric"
+
+
+def on_rings(record: FlightRecord) -> NDArray[np.intp]:
+    """Return the number of the ring (V, T) on which a vehicle encircles, -1 for none."""
+    rows = [np.where(each.encircles(), 0 if each.ring is None else each.ring, -1) for each in record.vehicles]
+    return np.array(rows, dtype=np.intp)
+
+
+def late(record: FlightRecord, last_s: float) -> Mask:
+    """Return the last samples (T,) of a flight."""
+    return np.asarray(record.time_s >= record.time_s[-1] - last_s)
+
+
+def place_faults(mission: Mission, on: NDArray[np.intp], there: Mask) -> list[str]:
+    """Return which rings (V, T) had more vehicles than places, and which vehicles that are there were on none."""
+    faults = []
+    for number, ring in enumerate(mission.rings):
+        members = (on == number).any(axis=1).sum()
+        faults += [f"{members} vehicles on {ring.places} places of {ring.name}"] if members > ring.places else []
+    without = there & (on < 0).any(axis=1)
+    return faults + [
+        f"vehicle {each} is on no ring" for each, is_off in zip(mission.ids, without, strict=True) if is_off
+    ]
+
+
+def conditions(mission: Mission, record: FlightRecord, last_s: float) -> tuple[Measure, ...]:
+    """Return how far rings miss the paper's conditions at the end, as they were commanded last, the worst of each.
+
+    These are the radius error (root mean square), the error of the mean rate, and the spacing error (root mean square).
+    """
+    worst, judged, on = np.zeros(3), late(record, last_s), on_rings(record)
+    for number, ring in enumerate(ring_references(mission, record)):
+        if (members := np.flatnonzero((on[:, judged] == number).any(axis=1))).size:
+            worst = np.maximum(worst, [*_ring(record.of_ring(number), ring, judged, members)])
+    limits = (("radius", RADIUS_M, "m"), ("rate", RATE_RAD_S, "rad/s"), ("spacing", SPACING_DEG, "deg"))
+    return tuple(
+        Measure(name, value, limit, unit) for value, (name, limit, unit) in zip(worst.tolist(), limits, strict=True)
     )
 
 
@@ -205,51 +199,21 @@ def _changes(rings: NDArray[np.intp]) -> int:
     return sum(1 for before, after in pairwise(flown_on.tolist()) if before != after)
 
 
-def _ring(mission: Mission, flight: SimulatedFlight, judged: Mask, members: NDArray[np.intp]) -> Iterator[float]:
+def _ring(record: FlightRecord, ring: DesiredRing, judged: Mask, members: NDArray[np.intp]) -> Iterator[float]:
     """Return of a ring the largest radius error (rms), error of the mean rate, and spacing error (rms)."""
-    time_s = flight.time_s[judged]
-    centre_m, _ = mission.target.motion.over(time_s)
-    place_m = flight.motion[judged][:, members, :2] - centre_m[:, None]
-    radius_m, bearing_rad = (
-        np.hypot(*np.moveaxis(place_m, 2, 0)),
-        np.unwrap(np.arctan2(place_m[..., 1], place_m[..., 0]), axis=0),
-    )
-    ring = mission.encirclement
-    yield float(np.sqrt(np.mean((radius_m - ring.radius_m) ** 2, axis=0)).max())
-    rates = (bearing_rad[-1] - bearing_rad[0]) / (time_s[-1] - time_s[0])
+    time_s = record.time_s[judged]
+    place_m = np.array([record.vehicles[each].position_m - record.target_position_m for each in members])[:, judged]
+    radius_m = np.hypot(place_m[..., 0], place_m[..., 1])
+    bearing_rad = np.unwrap(np.arctan2(place_m[..., 1], place_m[..., 0]), axis=1)
+    yield float(np.sqrt(np.mean((radius_m - ring.radius_m) ** 2, axis=1)).max())
+    rates = (bearing_rad[:, -1] - bearing_rad[:, 0]) / (time_s[-1] - time_s[0])
     yield float(np.abs(rates - ring.angular_rate_rad_s).max())
-    in_order = np.sort(bearing_rad % tau, axis=1)
-    gaps_rad = np.diff(in_order, axis=1, append=in_order[:, :1] + tau)
-    yield float(np.degrees(np.sqrt(np.mean((gaps_rad - tau / len(members)) ** 2, axis=0)).max()))
-
-
-def separation_left_m(scene: Scene, flight: SimulatedFlight) -> float:
-    """Return the smallest distance beyond the separation between two in the air that are not above each other."""
-    least, safety = inf, scene.mission.safety
-    for one, other in combinations(range(flight.motion.shape[1]), 2):
-        both = flight.aloft[:, one] & flight.aloft[:, other]
-        level = np.abs(flight.altitude_m[:, one] - flight.altitude_m[:, other]) < safety.vertical_separation_m - 0.5
-        near = both & level
-        apart_m = np.linalg.norm(flight.motion[near, one, :2] - flight.motion[near, other, :2], axis=-1)
-        least = min(least, float(apart_m.min(initial=inf)))
-    return least - safety.separation_m
-
-
-def main(count: int, first: int) -> int:
-    """Fly a number of teams, from the seed `first` on, on all cores."""
-    flights = []
-    with ProcessPoolExecutor() as pool:
-        for flight in pool.map(measured, range(first, first + count)):
-            flights.append(flight)
-            print(flight, flush=True)
-    missed = [each for each in flights if each.reasons]
-    print(f"separation left: {min(each.left_m for each in flights):+.2f} m at least")
-    radius_m, spacing_deg = max(each.radius_m for each in flights), max(each.spacing_deg for each in flights)
-    print(f"radius {radius_m:.3f} m, spacing {spacing_deg:.2f} deg at most")
-    print(f"{len(missed)} of {count} miss a limit")
-    return 1 if missed else 0
+    in_order = np.sort(bearing_rad % tau, axis=0)
+    gaps_rad = np.diff(in_order, axis=0, append=in_order[:1] + tau)
+    yield float(np.degrees(np.sqrt(np.mean((gaps_rad - tau / len(members)) ** 2, axis=1)).max()))
 
 
 if __name__ == "__main__":
     given = seeded_parser("rings", __doc__, 20).parse_args()
-    sys.exit(main(given.count, given.first))
+    flights = judged_flights(measured, given.first, given.count)
+    sys.exit(1 if any(each.reasons for each in flights) else 0)
