@@ -16,8 +16,9 @@ from agents.tactics import Tactic
 from agents.team.messages import OperatorCommand, RingValues
 from sitl.simulation.simulation import Absence, SimulatedFlight
 from tests.experiments import ring_sequences
+from tests.experiments.membership import separation_left_m
 from tests.experiments.membership_scenes import Scene, flown
-from tests.experiments.rings import drawn, measured, separation_left_m
+from tests.experiments.rings import drawn, measured
 from tests.support.mission_text import CASE2, Content, content, drawn_vehicle, faults, parsed
 
 FOUR_TARGETS, STACK_WITH_A_LOSS, CONCENTRIC = 108, 102, 1000
