@@ -42,3 +42,7 @@ class InputError(Exception):
         """The faults as values."""
         self.faults = tuple(" ".join(str(fault).splitlines()) for fault in faults)
         super().__init__("\n".join(self.faults))
+
+    def __reduce__(self) -> "tuple[type[InputError], tuple[tuple[KeyFault, ...]]]":
+        """Return how it is made again in another process: of its faults, not of its text."""
+        return type(self), (self.placed,)

@@ -34,12 +34,8 @@ _DOES_NOT_EVADE = (Tactic.LAND.value, Tactic.PILOT_OVERRIDE.value)
 def ring_bands_m(config: AgentConfig) -> list[Pair]:
     """Return the lowest and the highest altitude of vehicles on each of the mission's rings; empty with one ring."""
     highest_m = config.altitude_m if config.layers_from_m is None else config.layers_from_m
-    above_m, bands_m = max(highest_m - config.lowest_m, 0.0), []
-    for each in config.rings if len(config.rings) > 1 else ():
-        ring = each.encirclement
-        lowest_m = ring.lowest_m(config.lowest_m)
-        bands_m.append((lowest_m - ring.rise_m, lowest_m + above_m + ring.rise_m))
-    return bands_m
+    above_m, rings = max(highest_m - config.lowest_m, 0.0), config.rings if len(config.rings) > 1 else ()
+    return [each.encirclement.band_m(config.lowest_m, above_m) for each in rings]
 
 
 class Neighbours:

@@ -8,6 +8,7 @@ from pydantic import BeforeValidator, Field
 from agents.settings.shapes import Shape
 from agents.settings.tuning import SETPOINTS_FASTER, EncirclementTuning, FailsafeTuning, FormationTuning, SafetyTuning
 from estimation.settings import Settings
+from estimation.vectors import Pair
 
 CORNERS_MAX = 256
 """Maximum of a fence: the guard evaluates every edge in every tick."""
@@ -108,6 +109,14 @@ class EncirclementSettings(EncirclementSection, EncirclementTuning):
     def lowest_m(self, flying_m: float) -> float:
         """Return the height of the lowest vehicle on the ring, whose flying height is `flying_m`."""
         return flying_m if self.altitude_m is None else self.altitude_m
+
+    def band_m(self, flying_m: float, above_m: float) -> Pair:
+        """Return the lowest and the highest height of vehicles on the ring.
+
+        `flying_m` is the lowest flying height of the team, and `above_m` how much higher the highest flies.
+        """
+        lowest_m = self.lowest_m(flying_m)
+        return lowest_m - self.rise_m, lowest_m + above_m + self.rise_m
 
     @property
     def has_heights(self) -> bool:

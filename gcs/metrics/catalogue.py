@@ -177,6 +177,8 @@ VEHICLE = (
     Metric("height_error_rms_m", "error of the height on a ring with an altitude or a tilt, rms", worst="max"),
 )  # fmt: skip
 """Of each vehicle."""
+ON_RING = tuple(each for each in VEHICLE if each.name.startswith(("radius", "angular_rate", "height")))
+"""Of each vehicle on a ring."""
 TRANSITION = (
     Metric("settling_time_s", "time from an engagement to the settled ring", worst="max"),
     Metric("settling_predicted_s", "the same as predicted by law and bounds, without plants and noise", worst="max"),

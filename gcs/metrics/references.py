@@ -99,7 +99,7 @@ def engaged_line(result: EngagementResult) -> str:
         return ""
     missing = f"; {named(result.missing)} did not" if result.missing else ""
     pending = f"; the flight ended before {named(result.pending)} could" if result.pending else ""
-    return f"{len(result.to_engage) - len(result.missing)} of {count} vehicles engaged the target{missing}{pending}"
+    return f"{len(result.to_engage) - len(result.missing)} of {count} vehicles engaged{missing}{pending}"
 
 
 def _passed(record: FlightRecord, track: VehicleTrack, allowed_m: float) -> tuple[bool, bool]:

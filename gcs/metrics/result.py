@@ -105,6 +105,11 @@ class NamedRing:
             "not_judged": self.not_judged,
         }
 
+    @property
+    def about(self) -> str:
+        """The words " about " and its target's name, empty where that is the ring's or there is none."""
+        return f" about {self.target}" if self.target not in ("", self.name) else ""
+
     def verdict(self, name: str) -> bool | None:
         """Return whether a verdict holds on the ring, by name."""
         return self.result.verdicts.named()[name]

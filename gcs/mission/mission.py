@@ -108,6 +108,8 @@ TARGET_SPEED_MAX_M_S = 20.0
 
 _NAME_MAX = 24
 """Maximum length of the name of a target or a ring."""
+NAME_PATTERN = r"^[A-Za-z0-9_-]*$"
+TEAM_PATTERN = r"^[A-Za-z0-9_-]{1,32}$"
 
 Metre = Annotated[float, Field(ge=-1e5, le=1e5)]
 Metres2 = Annotated[tuple[Metre, Metre], BeforeValidator(pair)]
@@ -196,9 +198,7 @@ class TargetSection(TargetBehaviour):
     are several, with these keys but the filter's.
     """
 
-    name: str = Field(
-        "", max_length=_NAME_MAX, pattern=r"^[A-Za-z0-9_-]*$", description="name, required in `[[targets]]`"
-    )
+    name: str = Field("", max_length=_NAME_MAX, pattern=NAME_PATTERN, description="name, required in `[[targets]]`")
     source: Literal["simulated", "external", "mavlink"] = Field(
         "simulated",
         description="`external`: sightings from the bus; `mavlink`: a vehicle's telemetry. Plans use the motion below",
@@ -269,7 +269,7 @@ class RingKeys(Settings):
         None,
         min_length=1,
         max_length=_NAME_MAX,
-        pattern=r"^[A-Za-z0-9_-]*$",
+        pattern=NAME_PATTERN,
         description="name; none: that of its target",
     )
     target: str | None = Field(None, max_length=_NAME_MAX, description="name of its target, if there are several")
@@ -301,7 +301,7 @@ class SecuritySection(Settings):
 class NetworkSection(Settings):
     """`[network]`: the bus over which the team exchanges messages (docs/onboard.md)."""
 
-    team: str = Field("cordon", pattern=r"^[A-Za-z0-9_-]{1,32}$", description="name of the team on the bus")
+    team: str = Field("cordon", pattern=TEAM_PATTERN, description="name of the team on the bus")
     router: Annotated[str, AfterValidator(_endpoint)] | None = Field(
         None, description="endpoint of `cordon router`, if all connect to one"
     )

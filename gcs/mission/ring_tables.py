@@ -35,8 +35,11 @@ def read_targets(content: _Content, faults: list[KeyFault]) -> _Targets | None:
     entries = _entries(content["targets"], "targets", TARGETS_MAX, faults)
     common = _common(content.get("target", {}), "target", TargetSection, "name", faults)
     for number, entry in enumerate(entries):
-        keys = [key for key in TargetBehaviour.model_fields if isinstance(entry, dict) and key in entry]
-        faults += [KeyFault(f"targets[{number}].{key}", "all targets have it in common: use [target]") for key in keys]
+        if isinstance(entry, dict):
+            keys = [key for key in TargetBehaviour.model_fields if key in entry]
+            reason = "all targets have it in common: use [target]"
+            faults += [KeyFault(f"targets[{number}].{key}", reason) for key in keys]
+            entries[number] = {key: value for key, value in entry.items() if key not in keys}
     targets = tuple(_completed(entries, common, ("targets", "target"), TargetSection, faults))
     faults += [
         KeyFault(f"targets[{number}].name", "this key is missing: rings and sightings name their target")
@@ -150,7 +153,7 @@ def _repeated(names: Sequence[str | None], table: str) -> list[KeyFault]:
 def _entries(content: object, table: str, most: int, faults: list[KeyFault]) -> list[object]:
     """Return the tables of an array, none if there are none or too many."""
     if isinstance(content, list) and 0 < len(content) <= most:
-        return content
+        return [*content]
     if isinstance(content, dict):
         reason = f"[{table}] is a single table: write [[{table}]] above each"
     elif isinstance(content, list):
@@ -180,7 +183,8 @@ def _completed(
 ) -> list[_S | None]:
     """Return the settings of each entry over the common table, None for one with faults.
 
-    `names` are those of the entries and of the common table. A fault of the latter is reported once, with its place.
+    `names` are those of the entries and of the common table. A fault of the latter is reported once, with its place,
+    also that of a value which every entry replaces.
     """
     found: list[_S | None] = []
     placed: dict[KeyFault, None] = {}
@@ -192,6 +196,11 @@ def _completed(
             below = fault.place.removeprefix(place)
             is_common = below and not _has(entry, below) and _has(common, below)
             placed[fault._replace(place=f"{section}{below}") if is_common else fault] = None
+    replaced = list[KeyFault]()
+    validated(model, common, section, replaced)
+    # It lacks keys that each entry has of its own: what counts is what it holds.
+    places = ((each, each.place.removeprefix(section)) for each in replaced)
+    placed |= dict.fromkeys(each for each, below in places if below and _has(common, below))
     faults += placed
     return found
 

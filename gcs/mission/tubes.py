@@ -28,8 +28,7 @@ class Tube(NamedTuple):
     def heights_m(self, vehicles: Sequence[VehicleSection]) -> Pair:
         """Return the lowest and the highest place of its vehicles."""
         flying_m = [vehicle.altitude_m for vehicle in vehicles]
-        lowest_m = self.ring.lowest_m(min(flying_m))
-        return lowest_m - self.ring.rise_m, lowest_m + max(flying_m) - min(flying_m) + self.ring.rise_m
+        return self.ring.band_m(min(flying_m), max(flying_m) - min(flying_m))
 
 
 def cutting_rings(

@@ -12,6 +12,7 @@ from pydantic_core import ErrorDetails
 from agents.team.clock_watch import STEP_S
 from estimation.settings import Settings
 from gcs.errors import KeyFault
+from gcs.mission.mission import NAME_PATTERN, TEAM_PATTERN
 from gcs.mission.sections import TUNING
 
 FORMER_KEYS: Mapping[str, str] = {
@@ -38,6 +39,11 @@ _PLAIN_WORDS = {
     "float_type": "it must be a number, without unit and quotation marks",
     "int_type": "it must be a whole number, without unit and quotation marks",
 }
+_PATTERNS = {
+    NAME_PATTERN: "it must consist of letters, digits, - and _",
+    TEAM_PATTERN: "it must consist of 1 to 32 letters, digits, - and _",
+}
+"""What a text of each pattern may hold."""
 
 _FOLLOWS = "default_factory_not_called"
 """Error type of a default that depends on an invalid key, which has its own fault."""
@@ -68,11 +74,16 @@ def _plain(model: type[Settings], path: str, fault: ErrorDetails) -> KeyFault:
     if fault["type"] == "too_long":
         reason = f"it holds too many numbers, more than {fault['ctx']['max_length']}"
         return KeyFault(_place(path, fault["loc"]), reason)
-    reason = _PLAIN_WORDS.get(fault["type"]) or fault["msg"].removeprefix("Value error, ").replace(
-        "Input should be", "it must be"
-    )
+    pattern = fault.get("ctx", {}).get("pattern", "")
+    reason = _PATTERNS.get(pattern) or _PLAIN_WORDS.get(fault["type"]) or _pydantic_reason(fault["msg"])
     given = "" if fault["type"] == "missing" else f" (given: {shown(fault['input'])}{_as_degrees(last, fault)})"
     return KeyFault(_place(path, fault["loc"]), f"{reason}{given}")
+
+
+def _pydantic_reason(message: str) -> str:
+    """Return a message of pydantic in the words of the others."""
+    plain = message.removeprefix("Value error, ").replace("Input should be", "it must be")
+    return plain.replace("String should have", "it must have")
 
 
 def _as_degrees(key: int | str, fault: ErrorDetails) -> str:

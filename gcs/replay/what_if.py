@@ -18,6 +18,7 @@ from rich.text import Text
 from agents.broadcast import received_sighting
 from agents.inputs import Command, Message, Start, TacticEvent, TimeScale
 from agents.settings.config import AgentConfig
+from agents.situation.targets import NAMELESS
 from agents.situation.team_frame import TeamFrame
 from agents.tactics import Tactic
 from agents.team.clock_watch import ClockWatch
@@ -33,7 +34,7 @@ from gcs.errors import InputError, KeyFault
 from gcs.flightlog.reader import FlightLog
 from gcs.flightlog.records import Decision, Truth
 from gcs.metrics.journal import path_on_grid_m
-from gcs.mission.mission import Mission
+from gcs.mission.mission import Mission, TargetSection
 from gcs.mission.validation import unknown_key, validated
 from gcs.replay.playback import MissingRecords, Turn, config_of, recorded_vehicles, turns
 
@@ -136,10 +137,14 @@ class Change:
 
 @dataclass(frozen=True, slots=True)
 class FilterComparison:
-    """One filter of one vehicle with the recorded and with the tried parameters, and their rms difference."""
+    """One filter of one vehicle with the recorded and with the tried parameters, and their rms difference.
+
+    `target` is the name of the target that the filter follows, None unless the mission has several.
+    """
 
     vehicle_id: int
     filter: str
+    target: str | None
     recorded: FilterFigures
     tried: FilterFigures
     difference_m: float | None
@@ -196,7 +201,7 @@ def what_if(
     log: FlightLog, mission: Mission, tried: Mapping[int, FilterSettings], on_tick: Callable[[], None] = lambda: None
 ) -> WhatIf:
     """Run every vehicle's filters with the recorded and with the tried parameters; raises LogError."""
-    outcomes, gaps = list[FilterComparison](), list[str]()
+    outcomes, gaps, nameless = list[FilterComparison](), list[str](), list[str]()
     recorded = recorded_filters(mission)
     for vehicle_id in recorded_vehicles(log):
         config = config_of(log, mission, vehicle_id)
@@ -213,16 +218,12 @@ def what_if(
                 run.take(turn, inputs)
             if turn.tick is not None:
                 on_tick()
-        truth = list(log.of_kind(vehicle_id, Truth))
-        target_m = None
-        if feed.start_s is not None and (log.target_path is not None or mission.target.evades is None):
-            target_m = partial(_true_target_m, log, mission, feed.start_s)
-        outcomes += _outcomes(vehicle_id, runs, truth, target_m)
+        outcomes += _outcomes(vehicle_id, runs, *_truth(log, mission, vehicle_id, feed.start_s))
+        nameless += [f"vehicle {vehicle_id}: sightings that name no target"] if runs[0].has_nameless else []
     changes = tuple(_changes(recorded, tried))
     concerned = {change.key.partition(".")[0] for change in changes}
-    if len(mission.targets) > 1 and "target_filter" in concerned:
-        gaps.append("the mission has several targets: the figures of its target filters are not shown")
-        concerned.remove("target_filter")
+    if "target_filter" in concerned:
+        gaps += nameless
     shown = tuple(outcome for outcome in outcomes if f"{outcome.filter}_filter" in concerned)
     return WhatIf(log.run.mission, changes, shown, tuple(gaps))
 
@@ -231,7 +232,7 @@ class Feed:
     """Converts the inputs of a core into the inputs of its filters."""
 
     def __init__(self, config: AgentConfig) -> None:
-        self._vehicle_id = config.vehicle_id
+        self._vehicle_id, self._targets = config.vehicle_id, config.targets
         self._inbox = Inbox(config.vehicle_id, config.slots, ClockWatch())
         self._time_scale = 1.0
         self.start_s: float | None = None
@@ -258,25 +259,29 @@ class Feed:
         for package in message.sightings if isinstance(message, MemberState) else ():
             if self._vehicle_id in package.recipients:
                 with suppress(ValueError):  # the core refused it in flight, too
-                    yield received_sighting(package)
+                    yield received_sighting(package, self._targets)
 
 
 class FilterRun:
-    """One vehicle's filters with one set of parameters, and their figures."""
+    """One vehicle's filters with one set of parameters, and their figures.
+
+    Each of several targets has a filter, by its name. Sightings that do not name one of several are not associated, as
+    `TargetTracks` does in flight: `has_nameless` is whether there were any.
+    """
 
     def __init__(self, config: AgentConfig, settings: FilterSettings) -> None:
         self._vehicle_id = config.vehicle_id
         self._own = OwnFilter(config.plant, settings.own_filter)
-        self._target = TargetFilter(settings.target_filter)
+        self._targets = {name: TargetFilter(settings.target_filter) for name in config.targets or (NAMELESS,)}
         self._frame = TeamFrame(replace(config, own_filter=settings.own_filter))
-        self._has_targets = len(config.targets) > 1  # each has a filter of its own, which is not run here
         self._sighted: list[Sighting] = []
-        self._seen: TargetEstimate | None = None
+        self._seen: dict[str, TargetEstimate] = {}
         noise = settings.own_filter
         self._noise = np.diag([noise.position_noise_m**2] * 2 + [noise.velocity_noise_m_s**2] * 2)
         self._turns = noise.disturbance_turns
         self._mission_rate_rad_s = config.encirclement.angular_rate_rad_s
-        self.own, self.target = EstimateTrack(), EstimateTrack()
+        self.own, self.targets = EstimateTrack(), {name: EstimateTrack() for name in self._targets}
+        self.has_nameless = False
 
     def take(self, turn: Turn, inputs: Sequence[FilterInput]) -> None:
         """Feed a turn to the filters, and store the estimates at its tick."""
@@ -292,12 +297,13 @@ class FilterRun:
             return
         now_s = turn.tick.now_s
         self._see(now_s)
-        own, target = self._own.estimate(now_s), self._target.estimate(now_s)
-        self._seen = target
+        own = self._own.estimate(now_s)
+        known = {name: target.estimate(now_s) for name, target in self._targets.items()}
+        self._seen = {name: each for name, each in known.items() if each is not None}
         if own is not None:
             self.own.add(now_s, own.mean[MOTION])
-        if target is not None:
-            self.target.add(now_s, target.mean)
+        for name, each in self._seen.items():
+            self.targets[name].add(now_s, each.mean)
         if turn.decision is not None:
             self._turn(turn.decision)
             if turn.decision.guard is not None:
@@ -321,54 +327,71 @@ class FilterRun:
 
     def _see(self, now_s: float) -> None:
         """Process the sightings since the last tick, and the shift of the team's frame that follows from them."""
-        for sighting in self._frame.sightings(now_s, self._sighted, {} if self._seen is None else {"": self._seen}):
-            if not self._has_targets:
-                self._sight(sighting)
+        for sighting in self._frame.sightings(now_s, self._sighted, self._seen):
+            name = NAMELESS if NAMELESS in self._targets else sighting.target
+            self.has_nameless |= name is None
+            if name in self._targets:
+                self._sight(sighting, self._targets[name], self.targets[name])
         self._sighted.clear()
         off_x, off_y = self._frame.follow()
         if off_x or off_y:
             self._own.shift(-off_x, -off_y)
 
-    def _sight(self, sighting: Sighting) -> None:
-        prior, refused = self._target.estimate(sighting.time_s), self._target.refused
-        self._target.sight(sighting)
-        accepted = self._target.refused == refused
+    def _sight(self, sighting: Sighting, target: TargetFilter, track: EstimateTrack) -> None:
+        prior, refused = target.estimate(sighting.time_s), target.refused
+        target.sight(sighting)
+        accepted = target.refused == refused
         innovation = None
         # A delayed sighting is inserted at its own time, for which there is no prior estimate to compare it with.
         if prior is not None and prior.time_s == sighting.time_s:
             xx, xy, yy = sighting.covariance_m2
             spread = prior.covariance[POSITION, POSITION] + np.array([[xx, xy], [xy, yy]])
             innovation = np.array(sighting.position_m) - prior.mean[POSITION], spread
-        self.target.add_measurement(accepted, innovation)
+        track.add_measurement(accepted, innovation)
 
 
-def _true_target_m(log: FlightLog, mission: Mission, start_s: float, time_s: Vector) -> Vector:
-    """Return the target's true positions (T, 2) in a mission that began at `start_s`, NaN where they are not known."""
-    if log.target_path is not None:
-        return path_on_grid_m(*log.target_path, time_s)
-    place_m, _ = mission.target.motion.over(time_s - start_s)
-    return np.where(time_s[:, None] >= start_s, place_m, np.nan)
+_Truth = Callable[[Vector], Vector] | None
+"""Returns true positions (T, 2) at times (T,), NaN where they are not known; None if none is known."""
 
 
-def _outcomes(
-    vehicle_id: int, runs: Sequence[FilterRun], truth: Sequence[Truth], target_m: Callable[[Vector], Vector] | None
-) -> Iterator[FilterComparison]:
+def _truth(log: FlightLog, mission: Mission, vehicle_id: int, start_s: float | None) -> tuple[_Truth, list[_Truth]]:
+    """Return the true positions of a vehicle and of all targets in a mission that began at `start_s`."""
+    truth, targets = list(log.of_kind(vehicle_id, Truth)), mission.every_target
+    if not truth:
+        return None, [None for _ in targets]
     true_s = np.array([each.time_s for each in truth])
     place_m = np.array([each.position_m[:2] for each in truth])
-    recorded, tried = runs
 
     def own_m(time_s: Vector) -> Vector:
         columns = [np.interp(time_s, true_s, column, np.nan, np.nan) for column in place_m.T]
         return np.column_stack(columns)
 
-    known = bool(truth)
-    for name, one, other, true in (
-        ("own", recorded.own, tried.own, own_m if known else None),
-        ("target", recorded.target, tried.target, target_m if known else None),
+    if start_s is None or (log.target_path is None and mission.target.evades is not None):
+        return own_m, [None for _ in targets]
+    return own_m, [partial(_true_target_m, log, each, start_s) for each in targets]
+
+
+def _true_target_m(log: FlightLog, target: TargetSection, start_s: float, time_s: Vector) -> Vector:
+    """Return a target's true positions (T, 2) in a mission that began at `start_s`, NaN where they are not known."""
+    if log.target_path is not None:
+        return path_on_grid_m(*log.target_path, time_s)
+    place_m, _ = target.motion.over(time_s - start_s)
+    return np.where(time_s[:, None] >= start_s, place_m, np.nan)
+
+
+def _outcomes(
+    vehicle_id: int, runs: Sequence[FilterRun], own_m: _Truth, targets_m: Sequence[_Truth]
+) -> Iterator[FilterComparison]:
+    recorded, tried = runs
+    targets = zip(recorded.targets.items(), tried.targets.values(), targets_m, strict=True)
+    for name, target, one, other, true in (
+        ("own", None, recorded.own, tried.own, own_m),
+        *(("target", name or None, one, other, true) for (name, one), other, true in targets),
     ):
         yield FilterComparison(
             vehicle_id,
             name,
+            target,
             one.figures(true),
             other.figures(true),
             rms_difference(one, other, POSITION),
@@ -412,7 +435,8 @@ def what_if_view(what: WhatIf) -> RenderableType:
     for name in _COLUMNS:
         table.add_column(Text(name, justify="right"), justify="right", no_wrap=True)
     for each in what.outcomes:
-        table.add_row(str(each.vehicle_id), each.filter, "recorded", *_cells(each.recorded))
+        followed = each.filter if each.target is None else f"{each.filter} {each.target}"
+        table.add_row(str(each.vehicle_id), followed, "recorded", *_cells(each.recorded))
         difference = number(each.difference_m, ".4f"), number(each.difference_m_s, ".4f")
         table.add_row("", "", "tried", *_cells(each.tried), *difference, style="cyan")
     return Group(*lines, *gaps, table)

@@ -183,10 +183,11 @@ def _empty_map(sheet: Sheet) -> "tuple[FigureCanvasAgg, Axes]":
     axes.margins(0.04)
     axes.set_aspect("equal", adjustable="datalim")
     axes.autoscale_view()
-    axes.set_autoscale_on(False)
     axes.set(xlabel="x [m]", ylabel="y [m]")
     axes.tick_params(colors=FAINT, labelcolor=INK)
     axes.set_title(sheet.record.mission, loc="left", fontweight="bold", parse_math=False)
     figure.draw_without_rendering()
     figure.set_layout_engine("none")  # laid out once: every frame has the same map at the same place
+    axes.set_autoscale_on(False)
+    axes.set_aspect("auto")  # with these limits it is equal
     return canvas, axes

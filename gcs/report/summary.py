@@ -115,13 +115,14 @@ def _engaged(result: FlightResult) -> list[str]:
     missing = result.engagement.missing
     joined = sorted((v.engaged_at_s, v.id) for v in result.vehicles if v.engaged_at_s is not None)
     if not joined:
-        return [f"No vehicle engaged the target{f', though {named(missing)} should have' if missing else ''}."]
+        target = "a" if result.rings else "the"
+        return [f"No vehicle engaged {target} target{f', though {named(missing)} should have' if missing else ''}."]
     each = [f"vehicle {vehicle_id} after {at_s:.1f} s" for at_s, vehicle_id in joined]
     shown = listed(each) if len(each) <= _NAMED else f"{len(each)} vehicles, from {each[0]} to {each[-1]}"
     stayed = [str(v.id) for v in result.vehicles if v.engaged_at_s is None and v.id not in missing]
     rest = f"; not engaged: {listed(stayed)}" if stayed else ""
     never = f"; {named(missing)} should have, and never did" if missing else ""
-    return [f"Engaged on the ring: {shown}{rest}{never}."]
+    return [f"Engaged on {'a' if result.rings else 'the'} ring: {shown}{rest}{never}."]
 
 
 def _left(result: FlightResult) -> list[str]:
@@ -137,11 +138,10 @@ def _rings(result: FlightResult, criteria: Criteria) -> list[str]:
 
 def ring_paragraph(ring: NamedRing, criteria: Criteria) -> str:
     """Return one of several rings in sentences, by its own criteria."""
-    about = f" about {ring.target}" if ring.target else ""
     vehicles = [vehicle.id for vehicle in ring.result.vehicles]
     if not vehicles:
-        return f"No vehicle was on ring {ring.name}{about}."
-    flown = f"On ring {ring.name}{about}: {named(vehicles)}."
+        return f"No vehicle was on ring {ring.name}{ring.about}."
+    flown = f"On ring {ring.name}{ring.about}: {named(vehicles)}."
     return " ".join([flown, *_ring(ring.result, criteria)])
 
 

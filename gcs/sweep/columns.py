@@ -12,7 +12,7 @@ from statistics import fmean
 from typing import TYPE_CHECKING, Any
 
 from gcs.errors import InputError
-from gcs.metrics.catalogue import FLIGHT, FLOCKING, PHASES, TRANSITION, VEHICLE, VERDICTS, Metric, Worst
+from gcs.metrics.catalogue import FLIGHT, FLOCKING, ON_RING, PHASES, TRANSITION, VEHICLE, VERDICTS, Metric, Worst
 from gcs.metrics.result import FlightResult
 from gcs.sweep.plan import SweepPlan
 
@@ -89,7 +89,10 @@ def failed_verdicts(row: Row) -> list[str]:
 
 
 def result_row(result: FlightResult) -> Row:
-    """Return a result as a row: values that depend only on mission and seed, without wall times."""
+    """Return a result as a row: values that depend only on mission and seed, without wall times.
+
+    With several rings the ring metrics of the team are those of each vehicle on each ring that it was on.
+    """
     values = {
         PASS: False if result.ended_early else result.passes,
         **{each.name: each.of(result) for each in FLIGHT if not each.timed},
@@ -100,6 +103,7 @@ def result_row(result: FlightResult) -> Row:
             for each in FLOCKING
         },
         **_condensed("vehicles", VEHICLE, result.vehicles, mean=True),
+        **_condensed("vehicles", ON_RING, [each for ring in result.rings for each in ring.result.vehicles], mean=True),
         "transitions.count": len(result.transitions),
         **_condensed("transitions", TRANSITION, result.transitions, mean=False),
         **{f"vehicle_{vehicle.id}.{each.name}": each.of(vehicle) for vehicle in result.vehicles for each in VEHICLE},

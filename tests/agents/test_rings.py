@@ -14,11 +14,15 @@ from agents.notes import TacticChange
 from agents.outputs import TickOutput
 from agents.tactics import Tactic
 from agents.team.messages import OperatorCommand, RingValues
+from gcs.metrics.catalogue import OF_THE_RING
+from gcs.metrics.metrics import evaluated
+from gcs.mission.file import load_mission
 from sitl.simulation.simulation import Absence, SimulatedFlight
 from tests.experiments import ring_sequences
 from tests.experiments.membership import separation_left_m
 from tests.experiments.membership_scenes import Scene, flown
-from tests.experiments.rings import drawn, measured
+from tests.experiments.random_joins import recorded
+from tests.experiments.rings import conditions, drawn, late, measured, on_rings, place_faults
 from tests.support.mission_text import CASE2, Content, content, drawn_vehicle, faults, parsed
 
 FOUR_TARGETS, STACK_WITH_A_LOSS, CONCENTRIC = 108, 102, 1000
@@ -125,6 +129,29 @@ def test_a_ring_that_loses_a_vehicle_closes_up_and_the_others_stay() -> None:
     assert seen.on[590].tolist() == [0, 1, 1]
     assert seen.on[990, :2].tolist() == [0, 1]
     assert [len(changes) for changes in seen.tactics.values()] == [2, 2, 2]  # start and engagement
+
+
+def test_four_targets_are_shared_when_a_vehicle_is_lost_and_one_target_becomes_unimportant() -> None:
+    mission, late_s, lost = load_mission("four-targets"), 30.0, 5
+    falls_s = mission.targets[1].changes[0][0]
+    scene = Scene(mission, (Absence(lost, falls_s - 40.0),), falls_s + 40.0 + late_s, 0.0)
+    record, flight, _ = recorded(scene, 3)
+    on, judged, there = on_rings(record), late(record, late_s), scene.there(flight.time_s)[-1]
+    before = on[:, record.time_s < falls_s - 41.0][:, -1]
+    assert {*before.tolist()} == {0, 1, 2, 3}
+    assert before[mission.ids.index(lost)] == 1
+    assert place_faults(mission, on[:, judged], there) == []
+    assert {*on[there][:, judged].ravel().tolist()} == {0, 2, 3}
+    missed, tolerances = {each.name: each.value for each in conditions(mission, record, late_s)}, mission.verdicts
+    assert missed["radius"] < tolerances.radius_error_rms_m
+    assert missed["rate"] < tolerances.angular_rate_error_rad_s
+    assert missed["spacing"] < tolerances.spacing_error_rms_deg
+    assert separation_left_m(scene, flight) > 0.0
+    result = evaluated(mission, record)
+    assert (result.verdicts.separation, result.verdicts.engaged) == (True, True)
+    assert [each.vehicle for each in result.departures or ()] == [lost]
+    # The ring of the lost one was bent around it when its target became unimportant.
+    assert all(result.rings[number].verdict(name) for number in (0, 2, 3) for name in OF_THE_RING)
 
 
 def test_a_ring_is_commanded_alone_and_reaches_vehicles_that_only_hear_of_it() -> None:

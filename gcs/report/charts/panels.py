@@ -22,6 +22,10 @@ if TYPE_CHECKING:
     from matplotlib.text import Annotation
 
 
+_LABEL_SHARE = 0.08
+"""Room for the label of the uppermost ring, as a share of the map's height."""
+
+
 @dataclass(frozen=True, slots=True)
 class Sheet:
     """The data of all panels; lines of more than `points_max` points are thinned, None: no limit.
@@ -100,15 +104,21 @@ def sheet_of(
 
 
 def landmarks_m(sheet: Sheet) -> Vector:
-    """Return points (K, 2) that the map must show: every path, and the desired rings that were flown."""
+    """Return points (K, 2) that the map must show: every path, the rings that were flown, and a label above them."""
     paths = [track.position_m for track in sheet.record.vehicles]
     for each in sheet.each_ring:
         if each.result.window_s is not None:
             target_m = each.record.target_path_m
             paths += [target_m[-1:] - each.ring.radius_m, target_m[-1:] + each.ring.radius_m]
     points_m = np.concatenate([*paths, *sheet.record.target_paths_m])
-    known_m = points_m[np.isfinite(points_m).all(axis=1)]
-    return known_m if known_m.size else np.zeros((1, 2))
+    known_m: Vector = points_m[np.isfinite(points_m).all(axis=1)]
+    if not known_m.size:
+        return np.zeros((1, 2))
+    if not sheet.rings:
+        return known_m
+    x, y = known_m.max(axis=0).tolist()
+    with_label_m: Vector = np.vstack((known_m, (x, y + _LABEL_SHARE * float(np.ptp(known_m[:, 1])))))
+    return with_label_m
 
 
 def map_height_in(points_m: Vector, width_in: float) -> float:
@@ -126,9 +136,10 @@ def draw_paths(axes: "Axes", sheet: Sheet) -> None:
     axes.set(xlabel="x [m]", ylabel="y [m]")
     title(axes, f"{record.mission}: paths", _verdict_line(sheet.result), is_fault=sheet.result.passes is False)
     names = dict(zip(record.ring_targets, (each.target for each in sheet.result.rings), strict=False))
+    ring_names = _draw_rings(axes, sheet)
     for number, target_m in enumerate(record.target_paths_m):
-        _draw_target(axes, sheet, target_m, names.get(number, ""))
-    _draw_rings(axes, sheet)
+        name = names.get(number, "")
+        _draw_target(axes, sheet, target_m, "" if name in ring_names else name)
     for row, track in enumerate(record.vehicles):
         axes.plot(*sheet.path(track.position_m).T, alpha=0.85, **sheet.style(row))
     for row, track in enumerate(record.vehicles):
@@ -149,27 +160,29 @@ def _draw_target(axes: "Axes", sheet: Sheet, path_m: Vector, name: str) -> None:
         )
 
 
-def _draw_rings(axes: "Axes", sheet: Sheet) -> None:
-    """Draw the rings that were flown about the last positions of their targets, several with their names."""
+def _draw_rings(axes: "Axes", sheet: Sheet) -> set[str]:
+    """Draw the rings that were flown about the last positions of their targets; return the names of several."""
     from matplotlib.patches import Circle  # noqa: PLC0415
 
-    names: dict[tuple[float, float, float], list[str]] = {}
+    drawn, names = set[str](), dict[tuple[float, float, float], list[str]]()
     for each in sheet.each_ring:
         path_m = each.record.target_path_m
         known_m = path_m[np.isfinite(path_m).all(axis=1)]
         if each.result.window_s is not None and known_m.size:
             x, y = known_m[-1].tolist()
             names.setdefault((x, y, each.ring.radius_m), []).append(ring_label(each))
+            drawn.add(each.name)
     for (x, y, radius_m), labels in names.items():
         axes.add_patch(Circle((x, y), radius_m, fill=False, **DESIRED))
         if sheet.rings:
             name_ring(axes, (x, y + radius_m), ", ".join(labels))
+    return drawn
 
 
 def name_ring(axes: "Axes", top_m: tuple[float, float], label: str) -> "Annotation":
-    """Write the label of a ring above its highest point on the map."""
+    """Write the label of a ring above its highest point on the map, and above a vehicle there."""
     return axes.annotate(
-        label, top_m, (0, 3), textcoords="offset points", ha="center", va="bottom", fontsize=9, color=INK, zorder=9
+        label, top_m, (0, 9), textcoords="offset points", ha="center", va="bottom", fontsize=9, color=INK, zorder=9
     )
 
 
@@ -224,7 +237,9 @@ def draw_speeds(axes: "Axes", sheet: Sheet) -> None:
         flying = track.tactic == Tactic.FORMATION.value
         speed_m_s = np.where(flying, track.velocity_m_s[:, 0], np.nan)
         axes.plot(*sheet.line(time_s, speed_m_s), **sheet.style(row))
-        _mark_engagement(axes, sheet, row, time_s, _held(speed_m_s))
+        engaged_s = sheet.result.vehicles[row].engaged_at_s
+        if engaged_s is not None and flying[time_s < engaged_s][-1:].any():  # not one in transit, whose line has ended
+            _mark_engagement(axes, sheet, row, time_s, _held(speed_m_s))
         end_s = max(end_s, float(time_s[flying][-1])) if flying.any() else end_s
     if end_s > 0.0:
         axes.set_xlim(0.0, 1.03 * end_s)

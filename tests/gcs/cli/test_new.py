@@ -53,7 +53,7 @@ def chosen(**changes: object) -> NewMission:
 def test_a_mission_of_ones_own_settles_on_its_ring(new: RunHere, tmp_path: Path) -> None:
     code, _, said = new(*words(**{"--vehicles": "3", "--profile": "0.8,0.9,0.1", "--plot": "my.svg"}))
     assert code == 0
-    assert "3 of 3 vehicles engaged the target" in said
+    assert "3 of 3 vehicles engaged" in said
     assert "settled after" in said
     assert "next: cordon fly my.toml --sitl --speed 10" in said
     assert (tmp_path / "my.svg").stat().st_size > 0

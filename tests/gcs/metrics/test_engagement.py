@@ -53,7 +53,7 @@ def test_one_of_five_that_passes_too_far_away_was_to_engage() -> None:
     result = told(passing(FIVE, engages=(2, 3, 4, 5)), ALL)
     assert result == EngagementResult((1, 2, 3, 4, 5), (2, 3, 4, 5))
     assert result.holds is False
-    assert engaged_line(result) == "4 of 5 vehicles engaged the target; vehicle 1 did not"
+    assert engaged_line(result) == "4 of 5 vehicles engaged; vehicle 1 did not"
 
 
 def test_a_vehicle_that_stood_aside_all_the_time_was_to_engage_and_one_that_went_home_was_not() -> None:
@@ -97,7 +97,7 @@ def test_those_whom_the_whole_mission_would_bring_near_are_pending_when_it_is_cu
     assert at_once.holds is None
     # Vehicle 4, whose line leads to the target, is 12 m from it after 76 s; vehicle 1 passes it at 15 m after 100 s.
     assert engaged_line(cut(80.0, engages=(4,))) == (
-        "1 of 5 vehicles engaged the target; the flight ended before vehicles 1, 2, 3 and 5 could"
+        "1 of 5 vehicles engaged; the flight ended before vehicles 1, 2, 3 and 5 could"
     )
     assert cut(80.0, engages=(4,)).holds is None
     late = cut(100.0 + GRACE_S + 1.0, engages=(2, 3, 4, 5))

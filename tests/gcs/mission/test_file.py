@@ -27,6 +27,7 @@ BUNDLED = [
     "case3-turns",
     "crossing",
     "evader",
+    "four-targets",
     "mixed-team",
     "px4-trio",
     "shaped-trio",

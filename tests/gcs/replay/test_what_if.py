@@ -101,7 +101,7 @@ def test_with_the_recorded_parameters_the_estimates_are_the_recorded_ones(
     assert len(own) > 190
     assert len(target) > 190
     assert {time_s: tuple(mean.tolist()) for time_s, mean in filters.own._motion.items()} == own
-    assert {time_s: tuple(mean.tolist()) for time_s, mean in filters.target._motion.items()} == target
+    assert {time_s: tuple(mean.tolist()) for time_s, mean in filters.targets[""]._motion.items()} == target
 
 
 def test_a_disturbance_turns_no_more_once_the_vehicle_is_told_to_leave_the_ring(turning: Flight) -> None:
@@ -132,6 +132,25 @@ def test_a_disturbance_turns_no_more_once_the_vehicle_is_told_to_leave_the_ring(
     assert filters.own._motion[now_s].tolist() == expected.mean[:4].tolist()
 
 
+@pytest.fixture(scope="module")
+def two_targets(tmp_path_factory: pytest.TempPathFactory) -> Flight:
+    path = tmp_path_factory.mktemp("logs") / "two-targets.mcap"
+    mission = load_mission("two-targets")
+    record_simulation(mission, path, seed=1, duration_s=30.0)
+    return read_log(path), mission
+
+
+def test_each_of_several_targets_has_a_filter_whose_estimates_are_the_recorded_ones(two_targets: Flight) -> None:
+    log, mission = two_targets
+    filters = run(two_targets)
+    names = [mission.targets[ring.target].name for ring in mission.rings]
+    recorded = [each for each in log.of_kind(2, Decision) if each.target is not None]
+    assert len(recorded) > 190
+    for each in recorded:
+        assert each.target is not None
+        assert tuple(filters.targets[names[each.ring]]._motion[each.time_s].tolist()) == each.target.mean
+
+
 # Against the truth
 
 
@@ -145,6 +164,39 @@ def test_errors_are_those_against_the_truth(field: Flight) -> None:
     motion = mission.target.motion
     target = [np.array(e.target.mean[:2]) - motion.position_m(e.time_s) for e in decisions if e.target]
     assert found[2, "target"].recorded.error_m == pytest.approx(rms(target))
+
+
+def test_errors_of_several_targets_are_those_against_the_truth_of_each(two_targets: Flight) -> None:
+    log, mission = two_targets
+    told = what_if(log, mission, changed_filters(mission, ["target_filter.acceleration_noise_m_s2=2.0"]))
+    assert told.gaps == ()
+    assert [(each.vehicle_id, each.filter, each.target) for each in told.outcomes] == [
+        (i, "target", name) for i in mission.ids for name in ("north", "south")
+    ]
+    tracks, motions = run(two_targets).targets, {each.name: each.motion for each in mission.targets}
+    for outcome in told.outcomes[2:4]:
+        assert outcome.target is not None
+        off = [
+            mean[:2] - motions[outcome.target].position_m(time_s)
+            for time_s, mean in tracks[outcome.target]._motion.items()
+        ]
+        assert outcome.recorded.error_m == pytest.approx(rms(off))
+        assert outcome.recorded.error_m is not None
+        assert outcome.recorded.error_m < 0.1
+        assert outcome.tried.error_m is not None
+        assert outcome.tried.error_m > outcome.recorded.error_m
+        assert outcome.recorded.measurements > 500, "five vehicles see it five times a second"
+
+
+def test_sightings_that_name_no_target_are_reported(tmp_path: Path, run_here: RunHere) -> None:
+    mission = load_mission(
+        "two-targets", {"target.sensor.names": False, "vehicles[0].sensor": {"names": True}, "mission.duration_s": 30.0}
+    )
+    record_simulation(mission, tmp_path / "log.mcap", duration_s=2.0)
+    code, out, err = run_here("replay", str(tmp_path / "log.mcap"), "--set", "target_filter.coast_s=3.0", "--json")
+    assert code == 0
+    assert json.loads(out)["what_if"]["gaps"] == [f"vehicle {i}: sightings that name no target" for i in mission.ids]
+    assert "target north" in err
 
 
 def rms(off: list[Vector]) -> float:
@@ -170,7 +222,7 @@ def test_the_noise_that_is_there_makes_innovations_as_large_as_expected(field: F
 def test_who_expects_more_noise_estimates_more_smoothly(field: Flight) -> None:
     recorded, tried = run(field), run(field, "own_filter.position_noise_m=1.0", "own_filter.velocity_noise_m_s=1.0")
     assert roughness_m(tried.own) < 0.7 * roughness_m(recorded.own)
-    assert roughness_m(tried.target) == roughness_m(recorded.target), "it was not touched"
+    assert roughness_m(tried.targets[""]) == roughness_m(recorded.targets[""]), "it was not touched"
 
 
 def test_a_narrow_gate_refuses_more(field: Flight) -> None:

@@ -14,7 +14,7 @@ from gcs.report.evidence.criteria import criteria_of
 from gcs.report.evidence.flight import FlightEvidence
 from gcs.report.figure import drawn_figure
 from gcs.report.sections import flight_of, sections
-from gcs.report.summary import verdicts
+from gcs.report.summary import ring_paragraph, verdicts
 from gcs.style import COLOURS
 from tests.support.ring_flights import RADII_M, five_vehicles, one_changes, target_path, two_rings
 
@@ -49,6 +49,37 @@ def test_the_page_draws_every_target_every_ring_and_its_vehicles_in_their_colour
         for landmark_m in (np.subtract(end_m, radius_m), np.add(end_m, radius_m)):
             shown_m = landmarks_m(sheet_of(record, result, rings))
             assert np.isclose(shown_m, landmark_m).all(axis=1).any()
+
+
+def test_a_ring_named_as_its_target_has_one_label_which_is_above_it_and_inside_the_map() -> None:
+    record, mission = five_vehicles(), two_rings()
+    named = replace(
+        mission, rings=tuple(replace(each, name=n) for each, n in zip(mission.rings, ("car", "boat"), strict=True))
+    )
+    result, rings = evaluated(named, record), ring_references(named, record)
+    figure = drawn_figure(record, result, rings, number=4)
+    figure.draw_without_rendering()
+    (axes,) = figure.axes
+    labels = [text for text in axes.texts if text.get_text() in ("car", "boat")]
+    assert sorted(label.get_text() for label in labels) == ["boat", "car"]
+    for label, number in zip(labels, (0, 1), strict=True):
+        box, top_m = label.get_window_extent(), target_path(number).position_m[-1] + (0.0, RADII_M[number])
+        # A vehicle at the ring's top is drawn as a diamond, 12 points wide from edge to edge.
+        assert box.y0 >= axes.transData.transform(top_m)[1] + 6.0 * 2.0**0.5 * figure.dpi / 72.0 - 0.5
+        assert box.y1 <= axes.bbox.y1
+    assert "car about car" not in ring_paragraph(result.rings[0], criteria_of(named, record).of_ring(0))
+
+
+def test_the_formation_marks_no_engagement_of_a_vehicle_that_left_it_before() -> None:
+    record = one_changes()
+    in_transit = replace(record.vehicles[4], tactic=record.vehicles[4].tactic.copy())
+    engaged = in_transit.tactic == "encircle"
+    in_transit.tactic[np.flatnonzero(engaged)[0] - 50 : np.flatnonzero(engaged)[0]] = "transit"
+    flight = replace(record, vehicles=(*record.vehicles[:4], in_transit))
+    figure = drawn_figure(flight, evaluated(MISSION, flight), ring_references(MISSION, flight))
+    speeds = next(each for each in figure.axes if each.get_title(loc="left") == "Speed in formation")
+    marks = [line for line in speeds.lines if line.get_marker() == "o"]
+    assert [mark.get_color() for mark in marks] == list(COLOURS[:4])
 
 
 @pytest.mark.parametrize(("number", "panels"), [(1, 1), (2, 1), (3, 4), (6, 2)])

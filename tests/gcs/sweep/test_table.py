@@ -21,6 +21,7 @@ from gcs.sweep.plan import SweepPlan, Tasks, planned
 from gcs.sweep.variation import Variation
 from gcs.sweep.workers import flown
 from tests.support.result_keys import RESULT_KEYS
+from tests.support.ring_flights import five_vehicles, two_rings
 
 NEAR = {"target.start_m": [9.0, -3.0]}
 LEFT_OUT = {
@@ -74,6 +75,19 @@ def test_the_worst_and_the_mean_are_those_of_the_vehicles(result: FlightResult) 
     assert row["vehicles.radius_error_rms_m.mean"] == pytest.approx(sum(errors) / len(errors))
     lowest = min(each.forwards_min_m_s or 0.0 for each in result.transitions)
     assert row["transitions.forwards_min_m_s.worst"] == lowest
+
+
+def test_the_errors_of_every_ring_count_that_a_vehicle_was_on() -> None:
+    """Vehicle 4 was on the first ring for a while, with larger errors than later on the second."""
+    result = evaluated(two_rings(), five_vehicles((0.02, 0.04, 0.06, 0.08, 0.1)))
+    first, second = result.rings
+    former = replace(first.result.vehicles[0], id=4, radius_error_rms_m=0.5, angular_rate_error_rms_rad_s=0.2)
+    changed = replace(first, result=replace(first.result, vehicles=(*first.result.vehicles, former)))
+    row = result_row(replace(result, rings=(changed, second)))
+    assert row["vehicle_4.radius_error_rms_m"] == pytest.approx(0.08, abs=1e-3)
+    assert row["vehicles.radius_error_rms_m.worst"] == 0.5
+    assert row["vehicles.radius_error_rms_m.mean"] == pytest.approx((0.3 + 0.5) / 6.0, abs=1e-3)
+    assert row["vehicles.angular_rate_error_rms_rad_s.worst"] == 0.2
 
 
 def test_a_row_does_not_depend_on_how_long_the_flight_took(result: FlightResult) -> None:
