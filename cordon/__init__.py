@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from agents.situation.task import Task as Task
     from cordon.channels import VehicleChannels as VehicleChannels
     from cordon.flight import Flight as Flight
+    from cordon.identification import Identified as Identified
     from cordon.identification import identify as identify
     from cordon.lockstep import LockstepClient as LockstepClient
     from cordon.reading import read as read
@@ -23,7 +24,6 @@ if TYPE_CHECKING:
     from cordon.simulation import TargetPath as TargetPath
     from cordon.simulation import load as load
     from cordon.simulation import simulate as simulate
-    from estimation.identification.identified import Identified as Identified
     from estimation.plant.model import Plant as Plant
     from estimation.plant.model import PlantAxis as PlantAxis
     from gcs.errors import InputError as InputError
@@ -35,7 +35,7 @@ _HOMES = {
     "AgentConfig": "agents.settings.config",
     "Flight": "cordon.flight",
     "FlightResult": "gcs.metrics.result",
-    "Identified": "estimation.identification.identified",
+    "Identified": "cordon.identification",
     "InputError": "gcs.errors",
     "LockstepClient": "cordon.lockstep",
     "Mission": "gcs.mission.mission",
