@@ -15,7 +15,7 @@ True
 True
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from math import ceil, hypot, isfinite, nan
@@ -32,6 +32,7 @@ from cordon.flight import Flight
 from estimation.plant.model import Plant
 from gcs.errors import InputError
 from gcs.flight.simulated import fly_simulated
+from gcs.flight.simulated_events import Links, SimulatedEvents, SimulationEvent
 from gcs.mission.file import load_mission
 from gcs.mission.mission import PARTS_MAX, TARGET_SPEED_MAX_M_S, Mission
 from sitl.reacting_target import Reaction
@@ -226,6 +227,8 @@ def simulate(
     planner: PlannerFactory | None = None,
     plants: Mapping[int, Plant | StepFunction] = MappingProxyType({}),
     target: TargetPath | ReactingTarget | None = None,
+    events: Sequence[SimulationEvent] = (),
+    links: Links | None = None,
 ) -> Flight:
     """Fly a mission in simulated time; equal arguments give equal flights.
 
@@ -236,6 +239,10 @@ def simulate(
     - `plants`: the true plants of vehicles, by id: a `Plant`, or a step function, see `cordon.StepFunction`. The
       controllers still use the plants of the profiles.
     - `target`: a `cordon.TargetPath` or a `cordon.ReactingTarget`.
+    - `events`: what happens in the flight: `cordon.Absent`, `cordon.Command`, `cordon.Disturbance` and
+      `cordon.MessageLoss`.
+    - `links`: the radio links, a `cordon.Link` for each pair of vehicles that has one; None: all within
+      `network.range_m`.
 
     Raises InputError with every fault; exceptions of planners end the flight.
     """
@@ -253,6 +260,9 @@ def simulate(
     elif target is not None:
         mission = with_target_path(mission, target, flown_s)
     mission, steps = with_plants(mission, plants)
+    happens = SimulatedEvents(mission, events, links, flown_s)
+    if log is not None and (back := [each for each in happens.absences if each.from_s > 0.0 and each.to_s < flown_s]):
+        raise InputError([f"log: vehicle {back[0].vehicle_id} comes back, and a log holds one agent of each vehicle"])
     recording = None if log is None else _recording(mission, Path(log), drawn, flown_s)
     samples = round(flown_s * mission.mission.rate_hz) + 1
     decisions = {vehicle_id: Decisions.unknown(samples) for vehicle_id in mission.ids}
@@ -261,7 +271,16 @@ def simulate(
         decisions[mission.ids[at]].note(tick, output)
 
     record = fly_simulated(
-        mission, drawn, flown_s, lambda _: None, recording, planner, steps=steps, reaction=reaction, on_tick=on_tick
+        mission,
+        drawn,
+        flown_s,
+        lambda _: None,
+        recording,
+        planner,
+        steps=steps,
+        reaction=reaction,
+        events=happens,
+        on_tick=on_tick,
     )
     for each, tick_us in zip(decisions.values(), record.loop.tick_us.reshape(samples, -1).T, strict=True):
         each.tick_us[:] = tick_us
