@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from agents.situation.task import Task as Task
     from cordon.channels import VehicleChannels as VehicleChannels
     from cordon.flight import Flight as Flight
+    from cordon.identification import Identified as Identified
     from cordon.identification import identify as identify
     from cordon.lockstep import LockstepClient as LockstepClient
     from cordon.reading import read as read
@@ -23,21 +24,30 @@ if TYPE_CHECKING:
     from cordon.simulation import TargetPath as TargetPath
     from cordon.simulation import load as load
     from cordon.simulation import simulate as simulate
-    from estimation.identification.identified import Identified as Identified
     from estimation.plant.model import Plant as Plant
     from estimation.plant.model import PlantAxis as PlantAxis
     from gcs.errors import InputError as InputError
+    from gcs.flight.simulated_events import Absent as Absent
+    from gcs.flight.simulated_events import Command as Command
+    from gcs.flight.simulated_events import Disturbance as Disturbance
+    from gcs.flight.simulated_events import Link as Link
+    from gcs.flight.simulated_events import MessageLoss as MessageLoss
     from gcs.metrics.result import FlightResult as FlightResult
     from gcs.mission.mission import Mission as Mission
     from sitl.vehicle.plant_step import StepFunction as StepFunction
 
 _HOMES = {
+    "Absent": "gcs.flight.simulated_events",
     "AgentConfig": "agents.settings.config",
+    "Command": "gcs.flight.simulated_events",
+    "Disturbance": "gcs.flight.simulated_events",
     "Flight": "cordon.flight",
     "FlightResult": "gcs.metrics.result",
-    "Identified": "estimation.identification.identified",
+    "Identified": "cordon.identification",
     "InputError": "gcs.errors",
+    "Link": "gcs.flight.simulated_events",
     "LockstepClient": "cordon.lockstep",
+    "MessageLoss": "gcs.flight.simulated_events",
     "Mission": "gcs.mission.mission",
     "Plan": "agents.control.plan",
     "Plant": "estimation.plant.model",

@@ -1,11 +1,41 @@
 """Plants from flight logs."""
 
 import warnings
+from dataclasses import dataclass, fields
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-from estimation.identification.identified import Identified
+from estimation.identification.identified import IdentificationResult
 from estimation.identification.identify import identify as identified_from
+from gcs.errors import InputError
 from gcs.identify.reading import logs_of_one, recordings_of
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+
+@dataclass(frozen=True, slots=True)
+class Identified(IdentificationResult):
+    """The `verdict` and its `reasons`, the data used (`duration_s` in `excerpts` parts), and what was `found`."""
+
+    def plot(self, path: str | Path | None = None) -> "Figure":
+        """Return validation, step responses and errors as a matplotlib figure, as `cordon identify --plot` draws it.
+
+        With `path`, also write a .png, .svg or .pdf. Raises InputError if no plant was found, or if the file cannot be
+        written.
+        """
+        from gcs.identify.panels import identified_figure  # noqa: PLC0415 - matplotlib
+        from gcs.report.figure import write_figure  # noqa: PLC0415
+
+        if self.found is None:
+            raise InputError([f"plot: there is nothing to draw, no plant was found: {'; '.join(self.reasons)}"])
+        figure = identified_figure(self.found, self.verdict)
+        if path is not None:
+            try:
+                write_figure(figure, Path(path))
+            except (OSError, ValueError) as error:
+                raise InputError([f"plot: {path}: {error}"]) from error
+        return figure
 
 
 def identify(log: str | Path, *more: str | Path, vehicle: int | None = None) -> Identified:
@@ -21,4 +51,5 @@ def identify(log: str | Path, *more: str | Path, vehicle: int | None = None) -> 
     for each in logs:
         for note in each.notes:
             warnings.warn(f"{each.path}: {note}", stacklevel=2)
-    return identified_from(recordings_of(logs))
+    result = identified_from(recordings_of(logs))
+    return Identified(**{each.name: getattr(result, each.name) for each in fields(result)})

@@ -15,13 +15,14 @@ True
 True
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
-from math import ceil, hypot, isfinite
+from math import ceil, hypot, isfinite, nan
+from numbers import Integral, Real
 from pathlib import Path
 from types import MappingProxyType
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, cast
 
 from agents.control.plan import PlannerFactory
 from agents.outputs import TickOutput
@@ -31,6 +32,7 @@ from cordon.flight import Flight
 from estimation.plant.model import Plant
 from gcs.errors import InputError
 from gcs.flight.simulated import fly_simulated
+from gcs.flight.simulated_events import Links, SimulatedEvents, SimulationEvent
 from gcs.mission.file import load_mission
 from gcs.mission.mission import PARTS_MAX, TARGET_SPEED_MAX_M_S, Mission
 from sitl.reacting_target import Reaction
@@ -43,8 +45,9 @@ if TYPE_CHECKING:
 def load(mission: str | Path, overrides: Mapping[str, object] = MappingProxyType({})) -> Mission:
     """Return a bundled mission by its name, or a mission from a file.
 
-    `overrides` replace values of the file, by their paths. `Mission.replace` does the same for a loaded mission. Keys
-    are described in docs/mission-keys.md; their names end with the unit. Raises InputError with every fault.
+    `overrides` replace values of the file, by their paths or nested. `Mission.replace` does the same for a loaded
+    mission. Keys are described in docs/mission-keys.md; their names end with the unit. Raises InputError with every
+    fault.
 
     >>> mission = load("case2", {"encirclement.radius_m": 12.0, "vehicles[0].altitude_m": 9.0})
     >>> mission.encirclement.radius_m, mission.vehicle(1).section.altitude_m
@@ -56,6 +59,11 @@ def load(mission: str | Path, overrides: Mapping[str, object] = MappingProxyType
     ...
     gcs.mission.file.MissionError: encirclement.radius: unknown key; did you mean 'radius_m'? [set, not in the file]
     """
+    if not isinstance(mission, str | Path):
+        raise InputError([f"mission: {mission!r}: give the name of a bundled mission, or a file"])
+    if not isinstance(overrides, Mapping):
+        example = '{"encirclement.radius_m": 12.0}'
+        raise InputError([f"overrides: {overrides!r}: give a mapping, such as {example}"])
     return load_mission(str(mission), overrides)
 
 
@@ -77,9 +85,16 @@ def with_plants(
 
     The vehicles' controllers still use the plants of their profiles.
     """
+    if not isinstance(plants, Mapping):
+        raise InputError([f"plants: {plants!r}: give plants by vehicle, such as {{{mission.ids[0]}: plant}}"])
     known = ", ".join(map(str, mission.ids))
     faults = [
         f"plants: the mission has no vehicle {each!r} (it has {known})" for each in plants if each not in mission.ids
+    ]
+    faults += [
+        f"plants: that of vehicle {vehicle_id} is {plant!r}: give a cordon.Plant, or a step function"
+        for vehicle_id, plant in cast(Mapping[int, object], plants).items()
+        if not (isinstance(plant, Plant) or callable(plant))
     ]
     if faults:
         raise InputError(faults)
@@ -93,13 +108,23 @@ def with_plants(
     return replace(mission, vehicles=vehicles), steps
 
 
+_FAR_M, _FAST_M_S = 1e5, 1e3
+"""Beyond these a vehicle's own dynamics have diverged: nothing of the flight means anything from there on."""
+
+
 def _checked(vehicle_id: int, step: StepFunction) -> StepFunction:
-    """Return a step function that raises InputError if the result is not a motion."""
+    """Return a step function that raises InputError if the result is not a motion, or has diverged."""
+    flown_s = 0.0
 
     def checked(motion: Motion, aim_m: Pair, disturbance_m_s2: Pair, step_s: float) -> Motion:
+        nonlocal flown_s
+        flown_s += step_s
         returned = step(motion, aim_m, disturbance_m_s2, step_s)
-        of = f"plants: the step of vehicle {vehicle_id}"
+        of = f"plants: the step of vehicle {vehicle_id} at {flown_s:.2f} s"
         x, y, x_rate, y_rate = finite_numbers(returned, ("x", "y", "x'", "y'"), of)
+        if max(abs(x), abs(y)) > _FAR_M or max(abs(x_rate), abs(y_rate)) > _FAST_M_S:
+            away = f"{hypot(x, y):.3g} m from the origin with {hypot(x_rate, y_rate):.3g} m/s"
+            raise InputError([f"{of} diverged: the vehicle is {away}"])
         return x, y, x_rate, y_rate
 
     return checked
@@ -202,6 +227,8 @@ def simulate(
     planner: PlannerFactory | None = None,
     plants: Mapping[int, Plant | StepFunction] = MappingProxyType({}),
     target: TargetPath | ReactingTarget | None = None,
+    events: Sequence[SimulationEvent] = (),
+    links: Links | None = None,
 ) -> Flight:
     """Fly a mission in simulated time; equal arguments give equal flights.
 
@@ -212,19 +239,30 @@ def simulate(
     - `plants`: the true plants of vehicles, by id: a `Plant`, or a step function, see `cordon.StepFunction`. The
       controllers still use the plants of the profiles.
     - `target`: a `cordon.TargetPath` or a `cordon.ReactingTarget`.
+    - `events`: what happens in the flight: `cordon.Absent`, `cordon.Command`, `cordon.Disturbance` and
+      `cordon.MessageLoss`.
+    - `links`: the radio links, a `cordon.Link` for each pair of vehicles that has one; None: all within
+      `network.range_m`.
 
     Raises InputError with every fault; exceptions of planners end the flight.
     """
     mission = mission if isinstance(mission, Mission) else load(mission)
-    flown_s = mission.mission.duration_s if duration_s is None else float(duration_s)
-    drawn = mission.mission.seed if seed is None else seed
-    _require_flyable(flown_s, drawn, log, planner)
+    flown_s, drawn = _flyable(
+        mission.mission.duration_s if duration_s is None else duration_s,
+        mission.mission.seed if seed is None else seed,
+        log,
+        target,
+        planner,
+    )
     reaction = None
     if isinstance(target, ReactingTarget):
         mission, reaction = with_reacting_target(mission, target)
     elif target is not None:
         mission = with_target_path(mission, target, flown_s)
     mission, steps = with_plants(mission, plants)
+    happens = SimulatedEvents(mission, events, links, flown_s)
+    if log is not None and (back := [each for each in happens.absences if each.from_s > 0.0 and each.to_s < flown_s]):
+        raise InputError([f"log: vehicle {back[0].vehicle_id} comes back, and a log holds one agent of each vehicle"])
     recording = None if log is None else _recording(mission, Path(log), drawn, flown_s)
     samples = round(flown_s * mission.mission.rate_hz) + 1
     decisions = {vehicle_id: Decisions.unknown(samples) for vehicle_id in mission.ids}
@@ -233,26 +271,47 @@ def simulate(
         decisions[mission.ids[at]].note(tick, output)
 
     record = fly_simulated(
-        mission, drawn, flown_s, lambda _: None, recording, planner, steps=steps, reaction=reaction, on_tick=on_tick
+        mission,
+        drawn,
+        flown_s,
+        lambda _: None,
+        recording,
+        planner,
+        steps=steps,
+        reaction=reaction,
+        events=happens,
+        on_tick=on_tick,
     )
     for each, tick_us in zip(decisions.values(), record.loop.tick_us.reshape(samples, -1).T, strict=True):
         each.tick_us[:] = tick_us
     return Flight(mission, record, channels_of(record, decisions))
 
 
-def _require_flyable(duration_s: float, seed: int, log: str | Path | None, planner: PlannerFactory | None) -> None:
+def _flyable(
+    duration_s: object, seed: object, log: object, target: object, planner: PlannerFactory | None
+) -> tuple[float, int]:
+    """Return duration [s] and seed as numbers; raises InputError with the faults of these arguments."""
     faults = []
-    if not (isfinite(duration_s) and 0.0 < duration_s <= DURATION_MAX_S):
-        faults.append(f"duration_s: it must be more than 0 and at most {DURATION_MAX_S:g} s (given: {duration_s:g})")
-    if seed < 0:
-        faults.append(f"seed: it must not be negative (given: {seed})")
+    flown_s = float(duration_s) if isinstance(duration_s, Real) else nan
+    if not 0.0 < flown_s <= DURATION_MAX_S:
+        most = f"it must be more than 0 and at most {DURATION_MAX_S:g} s"
+        faults.append(f"duration_s: {most} (given: {duration_s!r})")
+    drawn = int(seed) if isinstance(seed, Integral) and not isinstance(seed, bool) else -1
+    if drawn < 0:
+        faults.append(f"seed: it must be a whole number, not negative (given: {seed!r})")
+    if not (log is None or isinstance(log, str | Path)):
+        faults.append(f"log: it must be a path (given: {log!r})")
     if log is not None and planner is not None:
         faults.append("log: a flight with a custom planner cannot be recorded: leave log or planner out")
+    reacts = target.position if isinstance(target, ReactingTarget) else target
+    if not (reacts is None or callable(reacts)):
+        faults.append(f"target: it must be a function of the time, or a cordon.ReactingTarget (given: {reacts!r})")
     if faults:
         raise InputError(faults)
+    return flown_s, drawn
 
 
 def _recording(mission: Mission, log: Path, seed: int, duration_s: float) -> "SimulationRecording":
     from gcs.flight.recording import simulation_recording  # noqa: PLC0415 - what writes logs is slow to import
 
-    return simulation_recording(mission, log, seed, duration_s)
+    return simulation_recording(mission, log, seed, duration_s, "log")

@@ -38,7 +38,7 @@ _WHITE_THIRD_DIFFERENCE = 20.0
 
 @dataclass(frozen=True, slots=True)
 class FilterNoise:
-    """Identified settings of the own filter, and its prediction error `AHEAD_S` ahead with them (rms).
+    """IdentificationResult settings of the own filter, and its prediction error `AHEAD_S` ahead with them (rms).
 
     `innovation` is the normalised squared innovation: 1 if the noise is as large as assumed.
     """

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from estimation.identification.excerpts import Excerpt, MotionRecording
-from estimation.identification.identified import Identified, ParameterEstimate
+from estimation.identification.identified import IdentificationResult, ParameterEstimate
 from estimation.identification.output_error import DELAY_MAX_S, DELAY_MIN_S
 from estimation.plant.model import FEEDFORWARD_MAX, PlantGrade
 from estimation.state import Vector
@@ -28,11 +28,11 @@ _AXES = ("x", "y")
 Reasons = list[tuple[PlantGrade, str]]
 
 
-def refused(recordings: Sequence[MotionRecording], excerpts: Sequence[Excerpt]) -> Identified | None:
+def refused(recordings: Sequence[MotionRecording], excerpts: Sequence[Excerpt]) -> IdentificationResult | None:
     """Return the result for flights without enough excitation, None if there is enough."""
     duration_s = sum(excerpt.duration_s for excerpt in excerpts)
     reason = _refusal(recordings, excerpts, duration_s)
-    return None if reason is None else Identified(PlantGrade.DO_NOT_FLY, (reason,), duration_s, len(excerpts))
+    return None if reason is None else IdentificationResult(PlantGrade.DO_NOT_FLY, (reason,), duration_s, len(excerpts))
 
 
 def _refusal(recordings: Sequence[MotionRecording], excerpts: Sequence[Excerpt], duration_s: float) -> str | None:

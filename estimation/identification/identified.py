@@ -111,7 +111,7 @@ class ParameterEstimate:
 
 
 @dataclass(frozen=True, slots=True)
-class Identified:
+class IdentificationResult:
     """The verdict with its reasons, the amount of data used, and the result if there is one."""
 
     verdict: PlantGrade

@@ -22,7 +22,7 @@ from estimation.identification.filter_noise import filter_noise_of
 from estimation.identification.grading import WIDE_GOOD, graded, refused
 from estimation.identification.identified import (
     AxisResult,
-    Identified,
+    IdentificationResult,
     Interval,
     OrderComparison,
     ParameterEstimate,
@@ -106,7 +106,7 @@ def identify(
     recordings: Sequence[MotionRecording],
     on_progress: Callable[[float], None] = lambda _: None,
     others: Mapping[str, Plant] = MappingProxyType({}),
-) -> Identified:
+) -> IdentificationResult:
     """Identify one vehicle from recordings of its flights; unsuitable recordings give a verdict, not an error.
 
     Other plants, by name, are compared on the same part of the flights as the identified one.
@@ -230,7 +230,7 @@ def _prediction_fits(excerpts: Sequence[Excerpt], trained: Fit) -> tuple[float, 
     return x, y
 
 
-def _result(parts: _Parts) -> Identified:
+def _result(parts: _Parts) -> IdentificationResult:
     best, trained = parts.chosen.best, parts.chosen.trained
     half = best.deviations95
     logs = best.parameters[:4]
@@ -264,7 +264,7 @@ def _result(parts: _Parts) -> Identified:
     found = replace(found, noise=filter_noise_of(parts.excerpts, best, found.plant))
     verdict, reasons = graded(found, unbounded_s, float(half[4]) / 2.0)
     duration_s = sum(excerpt.duration_s for excerpt in parts.excerpts)
-    return Identified(verdict, reasons, duration_s, len(parts.excerpts), found)
+    return IdentificationResult(verdict, reasons, duration_s, len(parts.excerpts), found)
 
 
 def _axis(parts: _Parts, axis: int, a0: Interval, a1: Interval, percent: float) -> AxisResult:

@@ -122,7 +122,8 @@ class PlantAxis:
 class Plant:
     """Both horizontal axes of the mission frame, and the delay between a setpoint and its effect [s].
 
-    `feedforward` is the gain g of the velocity sent with the setpoint; 0 is a plant without feed-forward.
+    `feedforward` is the gain g of the velocity sent with the setpoint; 0 is a plant without feed-forward. Raises
+    ValueError for values that no plant has.
     """
 
     x: PlantAxis
@@ -131,6 +132,9 @@ class Plant:
     feedforward: float = 0.0
 
     def __post_init__(self) -> None:
+        for name, axis in (("x", self.x), ("y", self.y)):
+            if not isinstance(axis, PlantAxis):
+                raise ValueError(f"{name} = {axis!r}: it must be a PlantAxis(a0_per_s2, a1_per_s)")
         if not (isfinite(self.delay_s) and 0.0 <= self.delay_s <= 1.0):
             raise ValueError(f"delay_s = {self.delay_s}: it must lie between 0 and 1 s")
         if not (isfinite(self.feedforward) and 0.0 <= self.feedforward <= FEEDFORWARD_MAX):

@@ -13,7 +13,7 @@ from gcs.errors import Exit, InputError
 from gcs.metrics.json_output import json_output
 
 if TYPE_CHECKING:
-    from estimation.identification.identified import Identified
+    from estimation.identification.identified import IdentificationResult
     from estimation.plant.model import Plant
     from gcs.vehicle_logs.vehicle_log import VehicleLog
 
@@ -40,6 +40,9 @@ class IdentifyOptions:
     json: Json = False
     html: Annotated[
         Path | None, Parameter(validator=only_file, group=RESULT, help="Write the figures as an HTML page.")
+    ] = None
+    plot: Annotated[
+        Path | None, Parameter(validator=only_file, group=RESULT, help="Draw the fit into a .png, .svg or .pdf.")
     ] = None
 
 
@@ -99,16 +102,25 @@ def _plant(name: str) -> "Plant":
         raise InputError([f"--against: {fault}" for fault in error.faults]) from error
 
 
-def _write_files(identified: "Identified", logs: "Sequence[VehicleLog]", options: IdentifyOptions) -> None:
+def _write_files(identified: "IdentificationResult", logs: "Sequence[VehicleLog]", options: IdentifyOptions) -> None:
+    from gcs.cli.output import writing
     from gcs.console.terminal import print_line
     from gcs.identify.view import identification_of, profile_text
 
     found = identified.found
-    if options.output is not None and found is None:
-        print_line(f"{options.output}: not written: no plant was found")
-    elif options.output is not None and found is not None:
+    if found is None:
+        for path in filter(None, (options.output, options.plot)):
+            print_line(f"{path}: not written: no plant was found")
+    if options.output is not None and found is not None:
         identification = identification_of(identified, found, logs, date.today())
         _write("--output", options.output, profile_text(found, identification, logs))
+    if options.plot is not None and found is not None:
+        from gcs.identify.panels import identified_figure
+        from gcs.report.figure import write_figure
+
+        with writing("--plot", options.plot):
+            write_figure(identified_figure(found, identified.verdict), options.plot)
+        print_line(f"figure: {options.plot}")
     if options.html is not None:
         from gcs.identify.page import identified_html
 
@@ -127,10 +139,11 @@ def _write(option: str, path: Path, text: str) -> None:
 
 def _check_files(options: IdentifyOptions) -> None:
     """Refuse output files that cannot be written, before anything is read."""
-    from gcs.cli.output import check_file, check_page
+    from gcs.cli.output import check_file, check_page, check_plot
 
     if options.output is not None:
         check_file("--output", options.output, (".toml",))
         if options.output.exists():
             raise InputError([f"--output: {str(options.output)!r} exists already"])
     check_page(options.html)
+    check_plot(options.plot)

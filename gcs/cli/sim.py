@@ -104,7 +104,7 @@ def _sim(options: SimOptions) -> tuple[Exit, Path | None]:
     if log is not None:
         from gcs.flight.recording import report_log, simulation_recording
 
-        recording = simulation_recording(mission, log, seed, flown_s)
+        recording = simulation_recording(mission, log, seed, flown_s, "--log")
 
     def update(time_s: float) -> None:
         if pending():

@@ -87,7 +87,7 @@ def _recorded(request: LogRequest, options: RecordingOptions) -> LogProcess | No
     if not options.recorded:
         return None
     if request.path is not None:
-        with log_input_errors(request.path):
+        with log_input_errors(request.path, "--log"):
             return LogProcess(request)
     try:
         path = default_path(request.mission.mission.name, options.only, datetime.now())
@@ -114,19 +114,21 @@ def report_log(log: LogProcess | LogWriter | None) -> None:
 
 
 @contextmanager
-def log_input_errors(path: Path) -> Iterator[None]:
-    """Turn errors of opening the log that the user named into InputError."""
+def log_input_errors(path: Path, named_by: str) -> Iterator[None]:
+    """Turn errors of opening the log that the user named by an option or an argument into InputError."""
     try:
         yield
     except FileExistsError as error:
-        raise InputError([f"--log: {str(path)!r} exists already, and is not overwritten; name another"]) from error
+        raise InputError([f"{named_by}: {str(path)!r} exists already, and is not overwritten; name another"]) from error
     except OSError as error:
-        raise InputError([f"--log: {str(path)!r}: {error.strerror or error}"]) from error
+        raise InputError([f"{named_by}: {str(path)!r}: {error.strerror or error}"]) from error
 
 
-def simulation_recording(mission: Mission, path: Path, seed: int, duration_s: float) -> SimulationRecording:
-    """Return the recording of a simulated flight; raises InputError."""
+def simulation_recording(
+    mission: Mission, path: Path, seed: int, duration_s: float, named_by: str
+) -> SimulationRecording:
+    """Return the recording of a simulated flight; raises InputError with the option or argument that named the log."""
     run = run_of(mission, mission.ids, seed=seed, source="simulation", speed=1.0, began_s=time(), duration_s=duration_s)
     context = Context()
-    with log_input_errors(path):
+    with log_input_errors(path, named_by):
         return SimulationRecording(LogWriter(path, context, Scene(context, mission)), run)

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
+from itertools import starmap
 from time import perf_counter
 from types import MappingProxyType
 from typing import TYPE_CHECKING
@@ -16,7 +17,9 @@ from agents.outputs import CoreStatus, TickOutput
 from agents.settings.config import AgentConfig
 from agents.tactics import NO_TACTIC, Tactic
 from estimation.state import POSITION, VELOCITY, Vector
+from gcs.flight.simulated_events import SimulatedEvents
 from gcs.metrics.ending import VehicleEnding
+from gcs.metrics.journal import GAP_MAX_S
 from gcs.metrics.record import (
     FlightEvent,
     FlightRecord,
@@ -64,6 +67,7 @@ def fly_simulated(
     *,
     steps: Mapping[int, StepFunction] = MappingProxyType({}),
     reaction: Reaction | None = None,
+    events: SimulatedEvents | None = None,
     on_tick: OnTick = lambda *_: None,
 ) -> FlightRecord:
     """Fly the mission for `duration_s` of simulated time; the same seed gives the same flight.
@@ -71,18 +75,16 @@ def fly_simulated(
     `progress` is called with the simulated time flown [s], `on_tick` with the number of each tick, the vehicle's place
     in line and its output. `planner` creates each vehicle's planner, see `TaskPlanner`; its exceptions end the flight.
     A recording with a `planner` raises ValueError. `steps`: see `simulated_vehicles`. A `reaction` moves the target in
-    place of the mission's.
+    place of the mission's. `events` are of this flight only.
     """
     if planner is not None and recording is not None:
         raise ValueError("a flight with a plug-in planner cannot be recorded: fly it without a log")
     rate_hz, count = mission.mission.rate_hz, len(mission.vehicles)
-    observed, target = _Observed(round(duration_s * rate_hz) + 1, count), flown_target(mission, reaction)
+    observed, target = _Observed(round(duration_s * rate_hz) + 1, count, rate_hz), flown_target(mission, reaction)
 
     def observe(tick: int, vehicle: int, output: TickOutput) -> None:
         observed.note(tick, vehicle, output.status)
         on_tick(tick, vehicle, output)
-        if recording is not None and vehicle == count - 1:
-            recording.advance((tick + 1) / rate_hz)
 
     def move_target(now_s: float, motions: Sequence[Motion]) -> None:
         if target is not None:
@@ -90,13 +92,19 @@ def fly_simulated(
             if recording is not None:
                 recording.target(now_s, target.path_m[-1])
 
-    network = NetworkModel(mission.network.range_m, mission.network.delay_s, mission.network.loss)
+    def intervene(tick: int, now_s: float) -> NetworkModel:
+        if recording is not None:
+            recording.advance(now_s)
+        observed.note_absences(tick, [vehicle.present for vehicle in vehicles])
+        return happens.act(now_s, vehicles)
+
+    happens = events or SimulatedEvents(mission)
     new_core = partial(VehicleCore, planner=planner) if recording is None else recording.core
-    vehicles = simulated_vehicles(mission, seed, new_core, steps=steps, target=target)
+    vehicles = simulated_vehicles(mission, seed, new_core, happens.absences, steps=steps, target=target)
     began_s = perf_counter()
     flight = simulate(
         vehicles,
-        network,
+        happens.network,
         rate_hz=rate_hz,
         duration_s=duration_s,
         seed=seed,
@@ -104,6 +112,7 @@ def fly_simulated(
         observe=observe,
         progress=progress,
         move_target=move_target,
+        intervene=intervene,
     )
     wall_time_s = perf_counter() - began_s
     if recording is not None:
@@ -114,7 +123,8 @@ def fly_simulated(
 class _Observed:
     """The vehicles' decisions: tactics and rings (T, N), events, the guard's interventions, and the latest status."""
 
-    def __init__(self, ticks: int, vehicles: int) -> None:
+    def __init__(self, ticks: int, vehicles: int, rate_hz: float) -> None:
+        self._gap_ticks = int(GAP_MAX_S * rate_hz + 1e-9)
         self.tactics = np.full((ticks, vehicles), NO_TACTIC, dtype="<U16")
         self.rings = np.zeros((ticks, vehicles), dtype=np.intp)
         self.events: list[FlightEvent] = []
@@ -132,14 +142,24 @@ class _Observed:
         if status.notes:
             self.events += [FlightEvent.of(status.vehicle_id, note) for note in status.notes]
 
+    def note_absences(self, tick: int, present: Sequence[bool]) -> None:
+        """Note which vehicles have an agent at a tick: the tactic of others is unknown, as soon as it is in a log."""
+        for vehicle, is_present in enumerate(present):
+            if not is_present and self._latest[vehicle] is not None:
+                self.tactics[tick + self._gap_ticks :, vehicle] = NO_TACTIC
+                self._latest[vehicle] = None
+
     def endings(self, vehicle_ids: Sequence[int]) -> tuple[VehicleEnding, ...]:
-        """Return how the flights ended: in the air at the end of the simulation, or earlier by a failsafe landing."""
-        return tuple(
-            VehicleEnding(vehicle_id, FlightEnd.FAILSAFE, status.alert)
-            if status is not None and status.alert and status.tactic in _COMES_DOWN
-            else VehicleEnding(vehicle_id, FlightEnd.SIMULATED, "in the air when the simulation ended")
-            for vehicle_id, status in zip(vehicle_ids, self._latest, strict=True)
-        )
+        """Return how the flights ended: in the air at the end, earlier by a failsafe landing, or without agent."""
+        return tuple(starmap(_ending, zip(vehicle_ids, self._latest, strict=True)))
+
+
+def _ending(vehicle_id: int, status: CoreStatus | None) -> VehicleEnding:
+    if status is None:
+        return VehicleEnding(vehicle_id, FlightEnd.WATCHDOG, "its agent was absent when the simulation ended")
+    if status.alert and status.tactic in _COMES_DOWN:
+        return VehicleEnding(vehicle_id, FlightEnd.FAILSAFE, status.alert)
+    return VehicleEnding(vehicle_id, FlightEnd.SIMULATED, "in the air when the simulation ended")
 
 
 def simulated_vehicles(

@@ -13,7 +13,7 @@ from rich.table import Table
 from rich.text import Text
 
 from estimation.identification.filter_noise import AHEAD_S
-from estimation.identification.identified import METHOD, Identified, Interval, ParameterEstimate
+from estimation.identification.identified import METHOD, IdentificationResult, Interval, ParameterEstimate
 from estimation.plant.model import Identification, IdentifiedLog, PlantGrade, covariance_of
 from estimation.profile.profile import LimitsSection, ProfileLibrary
 from gcs.autopilots.autopilot import Autopilot
@@ -66,7 +66,7 @@ def bounds_words(interval: Interval, digits: int) -> str:
     return f"{interval.low:.{digits}f} to {interval.high:.{digits}f}"
 
 
-def identified_view(identified: Identified, logs: Sequence[VehicleLog]) -> RenderableType:
+def identified_view(identified: IdentificationResult, logs: Sequence[VehicleLog]) -> RenderableType:
     """Return an identification for a terminal: the verdict first, then its reasons and numbers."""
     first = logs[0]
     vehicle = " ".join(filter(None, (f"vehicle {first.system_id},", first.autopilot, first.firmware)))
@@ -120,7 +120,7 @@ def remarks(found: ParameterEstimate) -> list[str]:
     return lines
 
 
-def identified_dict(identified: Identified, logs: Sequence[VehicleLog]) -> dict[str, Any]:
+def identified_dict(identified: IdentificationResult, logs: Sequence[VehicleLog]) -> dict[str, Any]:
     """Return an identification as plain data; unknown values are None."""
     found = identified.found
     return {
@@ -169,7 +169,7 @@ def _found_dict(found: ParameterEstimate) -> dict[str, Any]:
 
 
 def identification_of(
-    identified: Identified, found: ParameterEstimate, logs: Sequence[VehicleLog], today: date
+    identified: IdentificationResult, found: ParameterEstimate, logs: Sequence[VehicleLog], today: date
 ) -> Identification:
     """Return the origin of a plant: `[identified]` of its profile."""
     return Identification(
@@ -230,7 +230,7 @@ def _filter_lines(found: ParameterEstimate) -> list[str]:
     noise = found.noise
     assert noise is not None
     return [
-        f"\n# Identified from the same flight: the error of a prediction {AHEAD_S:g} s ahead is "
+        f"\n# IdentificationResult from the same flight: the error of a prediction {AHEAD_S:g} s ahead is "
         f"{noise.predicted_rms_m:.3f} m rms.",
         "[own_filter]",
         f"position_noise_m = {noise.position_noise_m:.3g}",

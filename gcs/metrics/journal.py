@@ -159,7 +159,7 @@ def _known(time_s: Vector, grid_s: Vector) -> Mask:
     return np.asarray(nearest_s <= _TRUTH_GAP_MAX_S)
 
 
-_GAP_MAX_S = 1.0
+GAP_MAX_S = 1.0
 
 
 @dataclass(slots=True)
@@ -380,4 +380,4 @@ def _covered(time_s: Vector, grid_s: Vector) -> NDArray[np.bool_]:
     before = np.maximum(np.searchsorted(time_s, grid_s, side="right") - 1, 0)
     after = np.minimum(before + 1, time_s.size - 1)
     nearest_s = np.minimum(np.abs(grid_s - time_s[before]), np.abs(time_s[after] - grid_s))
-    return np.asarray(nearest_s <= _GAP_MAX_S)
+    return np.asarray(nearest_s <= GAP_MAX_S)

@@ -22,7 +22,7 @@ from gcs.mission.cross_checks import LoadedVehicle, resolved
 from gcs.mission.excitation import excitation_faults, excited
 from gcs.mission.fault_lines import located, syntax_fault
 from gcs.mission.mission import Mission, SharedLinkSection, TargetSection, VehicleSection
-from gcs.mission.overrides import overridden
+from gcs.mission.overrides import overridden, places
 from gcs.mission.rings import SeveralRings, several_rings
 from gcs.mission.sections import EXCITES, REQUIRED, SECTIONS, TUNED, TUNING, VEHICLES_MAX
 from gcs.mission.validation import shown, unknown_keys, validated
@@ -101,15 +101,25 @@ def mission_text(name: str) -> str:
 
 
 def load_mission(name: str, overrides: Mapping[str, object] = MappingProxyType({})) -> Mission:
-    """Load a bundled mission by its bare name, or a file by its path; `overrides` replace values, by their paths.
+    """Load a bundled mission by its bare name, or a file by its path; `overrides` replace values, as in `places`.
 
     Raises InputError with every fault and its line in the file.
     """
     text, path = mission_text(name), mission_path(name)
+    overrides = places(overrides, _ids(text))
     try:
         return parse_mission(overridden(text, overrides), path.parent)
     except InputError as error:
         raise MissionError(located(error.placed, path, text, overrides)) from error
+
+
+def _ids(text: str) -> list[object]:
+    """Return the ids in a mission's text as far as it can be read: what is wrong with it is reported later."""
+    try:
+        vehicles = toml_content(text).get("vehicles")
+    except ValueError:
+        return []
+    return [each.get("id") for each in vehicles if isinstance(each, dict)] if isinstance(vehicles, list) else []
 
 
 def _other_missions(name: str) -> str:
@@ -151,7 +161,6 @@ def _checked(content: dict[str, Any], text: str, library: ProfileLibrary) -> Mis
     faults += several.checked(sections, vehicles)
     if faults:
         raise MissionError(faults)
-    sections.pop("decision")
     complete = tuple(resolved(*vehicle) for vehicle in vehicles if vehicle is not None)
     read = {"text": text, "profile_texts": library.texts, "parse": parse_mission}
     read |= {"targets": several.mission_targets, "rings": several.mission_rings(sections["encirclement"])}

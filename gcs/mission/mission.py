@@ -454,12 +454,14 @@ class Mission:
 
     A mission of several targets has them all in `targets`, one of several rings those in `rings`; else these are empty.
     `target` and `encirclement` are the only ones, or those of the first ring: `of_ring` returns the mission of another.
+    `decision` is the team's; a vehicle's own thresholds are in `vehicle(id).decision`.
     """
 
     mission: MissionSection
     frame: FrameSection
     formation: FormationSettings
     encirclement: EncirclementSettings
+    decision: DecisionSettings
     safety: SafetySettings
     failsafe: FailsafeSettings
     target_filter: TargetFilterSettings

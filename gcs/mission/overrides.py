@@ -30,10 +30,10 @@ def override(given: str) -> tuple[str, object]:
         return place.strip(), text.strip()
 
 
-def places(sections: Mapping[str, object], vehicle_ids: Sequence[int]) -> dict[str, object]:
+def places(sections: Mapping[str, object], vehicle_ids: Sequence[object]) -> dict[str, object]:
     """Return the paths and values of nested tables; `vehicles` is a table by id. Raises InputError.
 
-    `{"encirclement": {"radius_m": 12}}` is `{"encirclement.radius_m": 12}`.
+    `{"encirclement": {"radius_m": 12}}` is `{"encirclement.radius_m": 12}`, which may be given as it is.
     """
     found = dict[str, object]()
     for name, value in sections.items():

@@ -61,14 +61,18 @@ def save_figure(
     `formation` adds its desired speed. `number` draws this figure of the paper alone. Raises ValueError for any other
     suffix, OSError when the file cannot be written.
     """
+    figure = drawn_figure(record, result, rings, formation, number)
+    write_figure(figure, path)
+    return figure
+
+
+def write_figure(figure: "Figure", path: Path) -> None:
+    """Write a figure as PNG, SVG or PDF. Raises ValueError for any other suffix, OSError when that fails."""
     suffix = path.suffix.lower()
     if suffix not in METADATA:
         raise ValueError(f"cannot draw a figure as {path.name!r}: its name must end in {', '.join(METADATA)}")
-    with drawing():
-        figure = drawn_figure(record, result, rings, formation, number)
-        with create(path) as file:
-            figure.savefig(file, format=suffix[1:], dpi=160, metadata=METADATA[suffix])
-    return figure
+    with drawing(), create(path) as file:
+        figure.savefig(file, format=suffix[1:], dpi=160, metadata=METADATA[suffix])
 
 
 def drawn_figure(

@@ -137,11 +137,14 @@ class Inputs(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class NetworkModel:
-    """The peers' radio: its range, its delay, and the share of lost messages."""
+    """The peers' radio: its range, its delay, and the share of lost messages.
 
-    range_m: float
+    Range and loss are those of all links, or of each: by sender and receiver (N, N).
+    """
+
+    range_m: float | Vector
     delay_s: float = 0.0
-    loss: float = 0.0
+    loss: float | Vector = 0.0
 
 
 class SimulatedVehicle(Generic[OutputT]):
@@ -208,6 +211,11 @@ class SimulatedVehicle(Generic[OutputT]):
         if before.from_s > 0.0 and self._new_core is not None:
             self.core = self._new_core()
         return before
+
+    def push(self, acceleration_m_s2: Pair) -> None:
+        """Set the constant acceleration (x, y) on the vehicle, beside that of its model."""
+        (x, y), (own_x, own_y) = acceleration_m_s2, self._model.disturbance_m_s2
+        self._body.disturbance_m_s2 = own_x + x, own_y + y
 
     def sense(self, now_s: float) -> tuple[list[Telemetry], Sequence[Sighting]]:
         """Return the samples of its instruments since the last call, and its sensor's sightings.
@@ -297,10 +305,13 @@ class _Flying(NamedTuple):
 
 
 class _Network:
-    """Packets between `count` vehicles. All have the same delay, so that they arrive in the order of sending."""
+    """Packets between `count` vehicles. All have the same delay, so that they arrive in the order of sending.
+
+    Another model may take the place of `model` at any time, with the same delay.
+    """
 
     def __init__(self, model: NetworkModel, count: int, seed: int) -> None:
-        self._model = model
+        self.model = model
         self._uniforms = uniforms(np.random.default_rng([seed, 0]))
         self._flying: deque[_Flying] = deque()
         self._others = [[each for each in range(count) if each != sender] for sender in range(count)]
@@ -308,26 +319,27 @@ class _Network:
 
     def place(self, positions_m: Sequence[Pair]) -> None:
         """Set the positions of the vehicles (count,), which determine who is in range of whom."""
-        x, y = zip(*positions_m, strict=True)
-        if hypot(max(x) - min(x), max(y) - min(y)) <= self._model.range_m:
+        x, y, range_m = *zip(*positions_m, strict=True), self.model.range_m
+        if not isinstance(range_m, np.ndarray) and hypot(max(x) - min(x), max(y) - min(y)) <= range_m:
             self._reached = self._others
             return
         at_m = np.array(positions_m)
         apart_m = np.hypot(*np.moveaxis(at_m[:, None] - at_m, 2, 0))
         np.fill_diagonal(apart_m, np.inf)
-        self._reached = [np.flatnonzero(row).tolist() for row in apart_m <= self._model.range_m]
+        self._reached = [np.flatnonzero(row).tolist() for row in apart_m <= range_m]
 
     def send(self, now_s: float, sender: int, packets: Sequence[Packet]) -> None:
         """Send to every other vehicle in range, decoded once for all; each copy is lost independently."""
-        receivers, loss = self._reached[sender], self._model.loss
+        receivers, loss = self._reached[sender], self.model.loss
         if not packets or not receivers:
             return
-        arrive_s, messages = now_s + self._model.delay_s, [packet.received() for packet in packets]
-        if loss == 0.0:
+        arrive_s, messages = now_s + self.model.delay_s, [packet.received() for packet in packets]
+        each_loss = loss[sender].tolist() if isinstance(loss, np.ndarray) else [loss] * len(self._others)
+        if not any(each_loss):
             self._flying.append(_Flying(arrive_s, messages, receivers))
             return
         for receiver in receivers:
-            kept = [message for message in messages if next(self._uniforms) >= loss]
+            kept = [message for message in messages if next(self._uniforms) >= each_loss[receiver]]
             self._flying.append(_Flying(arrive_s, kept, (receiver,)))
 
     def arrived(self, now_s: float) -> list[list[object]]:
@@ -395,10 +407,13 @@ def simulate(
     observe: Callable[[int, int, OutputT], None],
     progress: Callable[[float], None],
     move_target: Callable[[float, Sequence[Motion]], None] = lambda *_: None,
+    intervene: Callable[[int, float], NetworkModel | None] = lambda *_: None,
 ) -> SimulatedFlight:
     """Fly all vehicles from time 0 for `duration_s`; `observe(tick, vehicle, output)` is called for every tick.
 
-    `move_target` is called with the time and the true motions at every tick, before any vehicle senses.
+    `move_target` is called with the time and the true motions at every tick, before any vehicle senses. `intervene` is
+    called before that with tick and time, once agents that are due are absent or back; it may change the vehicles, and
+    returns the network from then on, of the same delay (None: as before).
     """
     time_s = np.arange(round(duration_s * rate_hz) + 1) / rate_hz
     truth, air = _Truth(time_s.size, vehicles), _Network(network, len(vehicles), seed)
@@ -406,6 +421,7 @@ def simulate(
     for tick, now_s in enumerate(time_s.tolist()):
         for vehicle in intermittent:
             _attend(vehicle, vehicles, now_s, inputs)
+        air.model = intervene(tick, now_s) or air.model
         motions = truth.note(tick, now_s)
         move_target(now_s, motions)
         air.place([motion[:2] for motion in motions])

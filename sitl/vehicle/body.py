@@ -34,7 +34,7 @@ class VehicleBody:
         """Put it at rest at `start_m`, at time 0; `step` replaces the plant and the shaping limits."""
         x, y = start_m
         self._motion: Motion = (x, y, 0.0, 0.0)
-        self._disturbance = disturbance_m_s2
+        self.disturbance_m_s2 = disturbance_m_s2
         self._aim_m, self._off_m = start_m, (0.0, 0.0)
         self._delay_s = plant.delay_s
         self._pending: deque[tuple[float, Pair]] = deque()
@@ -92,7 +92,7 @@ class VehicleBody:
     def _fly_exactly(self, step_s: float) -> None:
         step_s = round(step_s, 9)
         if step_s > 0.0:
-            self._motion = self._exact_step(step_s).advance(self._motion, self._steered_m, self._disturbance)
+            self._motion = self._exact_step(step_s).advance(self._motion, self._steered_m, self.disturbance_m_s2)
 
     @property
     def _steered_m(self) -> Pair:
@@ -104,12 +104,12 @@ class VehicleBody:
         while self._flown_s + STEP_S <= to_s + 1e-9:
             while self._pending and self._pending[0][0] <= self._flown_s + 1e-9:
                 self._aim_m = self._pending.popleft()[1]
-            self._step(self._disturbance if self._wind is None else self._pushed(self._wind))
+            self._step(self.disturbance_m_s2 if self._wind is None else self._pushed(self._wind))
             self._flown_s = round(self._flown_s + STEP_S, 9)
 
     def _pushed(self, wind: Wind) -> Pair:
         """Return the disturbance by the wind of the next step."""
-        (x, y), (push_x, push_y) = wind.blow(), self._disturbance
+        (x, y), (push_x, push_y) = wind.blow(), self.disturbance_m_s2
         _, _, x_rate, y_rate = self._motion
         return push_x + self._drag_per_s * (x - x_rate), push_y + self._drag_per_s * (y - y_rate)
 

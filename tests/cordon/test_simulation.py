@@ -204,6 +204,12 @@ def not_finite(*_: object) -> Motion:
     return 0.0, 0.0, float("nan"), 0.0
 
 
+def accelerating(motion: Motion, _aim_m: Pair, _push: Pair, step_s: float) -> Motion:
+    """The velocity along x doubles in each step of 0.1 s, from 1 m/s: it is 2 ** 10 m/s at 1.1 s."""
+    x, y, x_rate, _ = motion
+    return x + step_s * x_rate, y, max(1.0, 2.0 * x_rate), 0.0
+
+
 @pytest.mark.parametrize(
     ("fly", "facts"),
     [
@@ -219,6 +225,18 @@ def not_finite(*_: object) -> Motion:
         (lambda: cordon.simulate("evader", target=cordon.ReactingTarget(lambda _, team: team[1][:2])), ("evades",)),
         (lambda: cordon.simulate("case1", planner=lambda _: Silent(), log="flight.mcap"), ("log", "planner")),
         (lambda: cordon.read("nothing.mcap"), ("nothing.mcap",)),
+        (lambda: cordon.load(3), ("mission", "3")),  # type: ignore[arg-type]
+        (lambda: cordon.load("case1", ["a=1"]), ("overrides", "['a=1']")),  # type: ignore[arg-type]
+        (lambda: cordon.load("case1", {"vehicles": {9: {"altitude_m": 8.0}}}), ("vehicles", "9", "1, 2, 3")),
+        (lambda: cordon.simulate("case1", seed="3"), ("seed", "'3'")),  # type: ignore[arg-type]
+        (lambda: cordon.simulate("case1", seed=True), ("seed", "True")),
+        (lambda: cordon.simulate("case1", duration_s="3"), ("duration_s", "'3'")),  # type: ignore[arg-type]
+        (lambda: cordon.simulate("case1", log=3), ("log", "3")),  # type: ignore[arg-type]
+        (lambda: cordon.simulate("case1", target=(3.0, 4.0)), ("target", "(3.0, 4.0)", "ReactingTarget")),  # type: ignore[arg-type]
+        (lambda: cordon.simulate("case1", plants=PLANT), ("plants", "PlantAxis", "{1: plant}")),  # type: ignore[arg-type]
+        (lambda: cordon.simulate("case1", plants={2: None}), ("plants", "vehicle 2", "None", "cordon.Plant")),  # type: ignore[dict-item]
+        (lambda: cordon.simulate("case1", plants={2: accelerating}), ("plants", "vehicle 2", "1.10 s", "diverged")),
+        (lambda: cordon.simulate("case1", log="/nowhere/a.mcap"), ("log: '/nowhere/a.mcap'",)),
     ],
 )
 def test_bad_input_is_named(fly: Callable[[], object], facts: tuple[str, ...]) -> None:
@@ -226,6 +244,24 @@ def test_bad_input_is_named(fly: Callable[[], object], facts: tuple[str, ...]) -
         fly()
     for fact in facts:
         assert fact in str(raised.value)
+
+
+def test_overrides_may_be_nested_as_in_replace() -> None:
+    loaded = cordon.load("case1", {"encirclement": {"radius_m": 12.0}, "vehicles": {2: {"altitude_m": 9.0}}})
+    replaced = cordon.load("case1").replace(encirclement={"radius_m": 12.0}, vehicles={2: {"altitude_m": 9.0}})
+    assert (loaded.encirclement.radius_m, loaded.vehicle(2).section.altitude_m) == (12.0, 9.0)
+    assert loaded == replaced
+
+
+def test_a_mission_has_the_teams_decision() -> None:
+    mission = cordon.load("case2", {"decision": {"threat_max": 0.3}, "vehicles[1].decision.threat_max": 0.4})
+    assert mission.decision.threat_max == 0.3
+    assert [vehicle.decision.threat_max for vehicle in mission.vehicles] == [0.3, 0.4, 0.3]
+
+
+def test_a_plants_axes_are_plant_axes() -> None:
+    with pytest.raises((ValueError, TypeError), match="PlantAxis"):  # compiled, the type is checked first
+        cordon.Plant((0.8, 0.9), (0.8, 0.9))  # type: ignore[arg-type]
 
 
 def reacting(position: Callable[[float, Mapping[int, Motion]], Pair]) -> cordon.Flight:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from estimation.identification.excerpts import MotionRecording, excerpts_of
-from estimation.identification.identified import Identified, ParameterEstimate
+from estimation.identification.identified import IdentificationResult, ParameterEstimate
 from estimation.identification.identify import identify
 from estimation.identification.response import InputHold
 from estimation.identification.simulated import fit_percent, simulated
@@ -25,7 +25,7 @@ def short_m(seed: int) -> Vector:
     return excitation_m(np.random.default_rng(seed), 45.0, 30.0)
 
 
-def found_in(identified: Identified) -> ParameterEstimate:
+def found_in(identified: IdentificationResult) -> ParameterEstimate:
     assert identified.found is not None, identified.reasons
     return identified.found
 
@@ -90,13 +90,15 @@ def test_intervals_hold_the_truth(draws: list[tuple[float, Vector, Vector]]) -> 
 
 
 @pytest.fixture(scope="module")
-def quiet() -> tuple[Identified, list[float]]:
+def quiet() -> tuple[IdentificationResult, list[float]]:
     """Return what a good flight identifies, and the progress told meanwhile."""
     shares: list[float] = []
     return identify([recorded(TRUTH, 5, noise_m=0.05, setpoint_m=short_m(5))], shares.append), shares
 
 
-def test_a_good_flight_is_graded_good_and_progress_rises_to_the_end(quiet: tuple[Identified, list[float]]) -> None:
+def test_a_good_flight_is_graded_good_and_progress_rises_to_the_end(
+    quiet: tuple[IdentificationResult, list[float]],
+) -> None:
     identified, shares = quiet
     assert (identified.verdict, identified.reasons) == (PlantGrade.GOOD, ())
     assert found_in(identified).order.second_is_enough
@@ -105,7 +107,7 @@ def test_a_good_flight_is_graded_good_and_progress_rises_to_the_end(quiet: tuple
     assert shares[-1] == pytest.approx(1.0)
 
 
-def test_intervals_are_as_wide_as_noise_makes_them(quiet: tuple[Identified, list[float]]) -> None:
+def test_intervals_are_as_wide_as_noise_makes_them(quiet: tuple[IdentificationResult, list[float]]) -> None:
     calm = found_in(quiet[0])
     loud = found_in(identify([recorded(TRUTH, 5, noise_m=0.2, setpoint_m=short_m(5))]))
     ratios = [
@@ -114,7 +116,7 @@ def test_intervals_are_as_wide_as_noise_makes_them(quiet: tuple[Identified, list
     assert 3.0 < float(np.median(ratios)) < 20.0
 
 
-def test_axes_are_fitted_as_one_unless_they_differ(quiet: tuple[Identified, list[float]]) -> None:
+def test_axes_are_fitted_as_one_unless_they_differ(quiet: tuple[IdentificationResult, list[float]]) -> None:
     alike = Truth((1.5, 1.5), (1.9, 1.9), 0.2)
     same = found_in(identify([recorded(alike, 15, noise_m=0.05, setpoint_m=short_m(15))]))
     assert (same.axes_alike, found_in(quiet[0]).axes_alike) == (True, False)

@@ -245,6 +245,19 @@ def test_who_hears_whom_follows_the_vehicles() -> None:
         assert [round(at_s * RATE_HZ) for at_s, _ in core.heard] == expected
 
 
+def test_links_have_a_range_and_a_loss_of_their_own() -> None:
+    """Of 0 -> 1 everything arrives, of 1 -> 0 nothing, of 1 -> 2 a part; 0 and 2 are out of range of each other."""
+    cores = [Recorder(still, packets=3) for _ in range(3)]
+    places = [(0.0, 0.0), (20.0, 0.0), (40.0, 0.0)]
+    range_m = np.array([[0.0, 25.0, 25.0], [25.0, 0.0, 25.0], [50.0, 15.0, 0.0]])
+    loss = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.4], [1.0, 0.0, 0.0]])
+    network = NetworkModel(range_m, 0.0, loss)
+    fly([vehicle(core, start_m=place) for core, place in zip(cores, places, strict=True)], 100.0, network)
+    sent = cores[0].sent - 3  # those of the last tick never arrive
+    assert [len(core.heard) for core in cores[:2]] == [0, sent]
+    assert len(cores[2].heard) / sent == pytest.approx(0.6, abs=4.0 * (0.6 * 0.4 / sent) ** 0.5)
+
+
 # Agents that come and go
 
 

@@ -91,8 +91,9 @@ def test_a_flight_becomes_a_profile_that_flies_and_says_where_it_is_from(ran: Ru
     text = "delay_s = 0.2\n[x]\na0_per_s2 = 1.5\na1_per_s = 1.9\n[y]\na0_per_s2 = 1.1\na1_per_s = 1.6\n"
     (ran.folder / "truth.toml").write_text(text, encoding="utf-8")
     others = ("--against", "truth.toml", "--against", "stub")
-    code, out, err = ran(log.path, "-o", "own.toml", "--json", "--html", "own.html", *others)
+    code, out, err = ran(log.path, "-o", "own.toml", "--json", "--html", "own.html", "--plot", "own.png", *others)
     assert code == 0
+    assert (ran.folder / "own.png").read_bytes().startswith(b"\x89PNG")
     assert "verdict: good" in err
     file = ProfileLibrary(ran.folder).load("own.toml")
     origin, result = file.identified, json.loads(out)
@@ -172,8 +173,10 @@ def test_an_excitation_with_velocities_becomes_a_plant_file_of_that_kind(ran: Ru
 def test_a_flight_that_teaches_nothing_ends_in_1_with_the_reason_and_no_file(ran: Runner) -> None:
     wrong = log_of(modes=(ModeSegment(Span(0.0, 150.0), "mission", external=False),))
     ran.hold(wrong)
-    code, out, err = ran(wrong.path, "-o", "own.toml", "--json", "--html", "own.html")
+    code, out, err = ran(wrong.path, "-o", "own.toml", "--json", "--html", "own.html", "--plot", "own.png")
     assert code == 1
+    assert "own.png: not written: no plant was found" in err
+    assert not (ran.folder / "own.png").exists()
     assert "wrong mode: at no time" in err
     assert json.loads(out)["plant"] is None
     assert not (ran.folder / "own.toml").exists()
