@@ -78,9 +78,8 @@ def _window_lines(result: FlightResult) -> list[Text]:
 
 def _name_line(ring: NamedRing) -> str:
     """Return the name of one of several rings, its target and the vehicles that were on it."""
-    about = f" about {ring.target}" if ring.target else ""
     ids = [vehicle.id for vehicle in ring.result.vehicles]
-    return f"{ring.name}{about}: {f'{named(ids)}; ' if ids else 'no vehicle was on it'}"
+    return f"{ring.name}{ring.about}: {f'{named(ids)}; ' if ids else 'no vehicle was on it'}"
 
 
 def _ending(ended: TeamEnding) -> Text:
