@@ -216,6 +216,7 @@ def ring_change_faults(
     """
     sections = [f"rings[{number}]" for number in range(len(mission.rings))] or ["encirclement"]
     before = flown or [MISSION_RING] * len(sections)
+    values = _received(values)
     wanted = {
         section: _given(commanded, values if number == ring else RingValues())
         for number, (section, commanded) in enumerate(zip(sections, before, strict=True))
@@ -228,6 +229,11 @@ def ring_change_faults(
     after = (_of_ring(found, changed, ring) for found in feasibility(full_ring(changed, ring)))
     worse = (found for found in after if grades.get(found.check) is Grade.PASS is not found.grade)
     return [f"{found.check}: {found.found}; {found.why}; next: {found.next_step}" for found in worse]
+
+
+def _received(values: RingValues) -> RingValues:
+    """Return the values of a command as vehicles fly them, in the units of their messages."""
+    return RingValues(*(value for value, _ in MISSION_RING.commanded(values, 0.0).dated))
 
 
 def _given(flown: CommandedRing, values: RingValues) -> dict[str, float]:

@@ -105,3 +105,12 @@ def test_a_command_of_one_ring_is_checked_against_the_others_and_its_own_limits(
     lowered = CommandedRing(altitude_m=9.0, altitude_s=1.0)
     (away,) = ring_change_faults(below, RingValues(radius_m=11.0), [MISSION_RING, lowered, *rest], 1)
     assert "1.00 m from rings[0] after 0 s, and 1 m in height" in away
+
+
+def test_a_command_is_checked_with_the_values_that_vehicles_fly() -> None:
+    """Messages have millimetres: of a command 0.4 mm too low there is nothing left, and 0.6 mm become a millimetre."""
+    mission = parsed(put(put(STACK, ("decision",), {"distance_max_m": 45.0}), ("target", "sensor", "range_m"), 60.0))
+    below_m, needed_m = mission.vehicles[0].section.altitude_m, mission.safety.vertical_separation_m
+    assert ring_change_faults(mission, RingValues(altitude_m=below_m + needed_m - 4e-4), ring=1) == []
+    (low,) = ring_change_faults(mission, RingValues(altitude_m=below_m + needed_m - 6e-4), ring=1)
+    assert f"{needed_m - 1e-3:g} m in height" in low
