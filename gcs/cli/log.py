@@ -69,7 +69,8 @@ class ExportOptions:
 
     log: Annotated[Path, Parameter(validator=only_file, help="A flight log. It is not changed.")] = field(kw_only=False)
     ros2: Annotated[
-        bool, Parameter(negative="", help="As a bag of ROS 2: poses, velocities, transforms and markers (docs/ros2.md).")
+        bool,
+        Parameter(negative="", help="As a bag of ROS 2: poses, velocities, transforms and markers."),
     ] = False
     output: Annotated[
         Path | None,

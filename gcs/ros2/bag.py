@@ -145,9 +145,7 @@ class _Flight:
         place_m = enu_from_mission(frame, telemetry.position_m)
         velocity_m_s = enu_from_mission(frame, telemetry.velocity_m_s)
         transform = self.messages.transform(stamp_ns, name, place_m, yaw_rad)
-        yield _Stamped(
-            pose_topic(vehicle.vehicle_id), POSE, stamp_ns, self.messages.pose(stamp_ns, place_m, yaw_rad)
-        )
+        yield _Stamped(pose_topic(vehicle.vehicle_id), POSE, stamp_ns, self.messages.pose(stamp_ns, place_m, yaw_rad))
         yield _Stamped(f"/{name}/twist", TWIST, stamp_ns, self.messages.twist(stamp_ns, velocity_m_s))
         yield _Stamped("/tf", TRANSFORMS, stamp_ns, transform)
 

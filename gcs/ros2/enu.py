@@ -1,4 +1,4 @@
-"""The frame of ROS: metres about the mission's origin, x east, y north, z up (REP 103); yaw counter-clockwise from east.
+"""The frame of ROS: metres about the mission's origin, x east, y north, z up (REP 103), yaw from east to north.
 
 In a local frame north is that of the vehicles' NED.
 """
@@ -28,9 +28,7 @@ def yaw_enu_rad(frame: MissionFrame, yaw_rad: float) -> float:
     return wrap_signed_rad(yaw_rad + pi / 2.0 - frame.x_bearing_rad)
 
 
-def covariance_in_mission(
-    frame: MissionFrame, covariance_m2: tuple[float, float, float]
-) -> tuple[float, float, float]:
+def covariance_in_mission(frame: MissionFrame, covariance_m2: tuple[float, float, float]) -> tuple[float, float, float]:
     """Rotate a covariance (ee, en, nn) into the mission's axes (xx, xy, yy)."""
     ee, en, nn = covariance_m2
     (xe, ye, _), (xn, yn, _) = (mission_from_enu(frame, axis) for axis in ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0)))

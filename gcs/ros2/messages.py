@@ -68,7 +68,7 @@ class Messages:
 
     def type_hash(self, kind: str) -> str:
         """Return the hash of a type (REP 2011)."""
-        return self.store.hash_rihs01(kind)
+        return str(self.store.hash_rihs01(kind))
 
     def pose(self, stamp_ns: int, place_m: Triple, yaw_rad: float) -> bytes:
         """Return a level pose as a PoseStamped."""
