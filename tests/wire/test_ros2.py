@@ -124,7 +124,7 @@ class Node:
             while True:
                 way_m, passed_s, before_s = self.goal_m - place_m, self.time_s - before_s, self.time_s
                 place_m = place_m + way_m * min(1.0, TARGET_M_S * passed_s / max(float(np.linalg.norm(way_m)), 1e-9))
-                self.see(place_m)
+                self.see(place_m.tolist())
                 await asyncio.sleep(0.05)
 
         repeating = asyncio.create_task(repeat())
