@@ -86,17 +86,20 @@ def export(options: ExportOptions) -> Exit:
 
     Example: cordon log export --ros2 flight.mcap
     """
-    from gcs.cli.output import ExportProgress, print_log_faults
+    from gcs.cli.output import ExportProgress, check_folder, print_log_faults
     from gcs.console.terminal import print_line
     from gcs.flightlog.reader import read_log
-    from gcs.ros2.bag import bag_path
+    from gcs.ros2.bag import bag_path, require_absent
     from gcs.ros2.bag import export as write_bag
     from gcs.ros2.messages import require_rosbags
 
     if not options.ros2:
         raise InputError(["--ros2: name the format to export to; next: cordon log export --ros2 LOG"])
     require_rosbags()
-    flight, target = read_log(options.log), options.output or bag_path(options.log)
+    target = options.output or bag_path(options.log)
+    require_absent(target)
+    check_folder("--output", target.parent)
+    flight = read_log(options.log)
     print_log_faults(flight)
     with ExportProgress(options.log) as progress:
         exported = write_bag(flight, target, progress.update)

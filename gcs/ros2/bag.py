@@ -63,6 +63,12 @@ def bag_path(log: Path) -> Path:
     return log.with_name(f"{log.stem}-ros2")
 
 
+def require_absent(target: Path) -> None:
+    """Raise InputError if something is where a bag is to be written."""
+    if os.path.lexists(target):
+        raise InputError([f"--output: {str(target)!r} exists already, and is not overwritten; name another"])
+
+
 def pose_topic(vehicle_id: int) -> str:
     """Return the topic of a vehicle's poses; no part of a topic's name may begin with a digit."""
     return f"/{vehicle_frame(vehicle_id)}/pose"
@@ -75,7 +81,7 @@ def export(log: FlightLog, target: Path, progress: Progress) -> Exported:
     folder exists or cannot be written.
     """
     messages, mission = Messages(MAP), mission_of(log)
-    flight = _Flight(messages, mission, _stamp_offset_s(log))
+    flight = _ShownFlight(messages, mission, _stamp_offset_s(log))
     entries = _entries(log, mission.ids)
     with _new_bag(target, messages) as bag:
         for done, entry in enumerate(entries):
@@ -107,7 +113,7 @@ def _stamp_offset_s(log: FlightLog) -> float:
 
 
 @dataclass(slots=True)
-class _Flight:
+class _ShownFlight:
     """The team as the records so far show it."""
 
     messages: Messages
@@ -196,8 +202,7 @@ def _new_bag(target: Path, messages: Messages) -> Iterator[_Bag]:
 
     beside = target.with_name(f".{target.name}.{os.getpid()}")
     try:
-        if os.path.lexists(target):
-            raise InputError([f"--output: {str(target)!r} exists already, and is not overwritten; name another"])
+        require_absent(target)
         beside.mkdir(mode=FOLDER_MODE)
         try:
             # The bag's file has the name of its folder.

@@ -28,8 +28,8 @@ from gcs.mission.mission import Mission
 from gcs.ros2.bag import pose_topic
 from gcs.ros2.enu import enu_from_mission, yaw_enu_rad
 from gcs.ros2.messages import POSE, POSE_COVARIANCE, Messages
-from gcs.ros2.rmw_zenoh import Endpoint, attachment, gid, node_token
-from gcs.ros2.sightings import PoseSightings, Refusal, RefusedError, SightingDefaults
+from gcs.ros2.rmw_zenoh import RosEndpoint, attachment, gid, node_token
+from gcs.ros2.sightings import PoseRefusal, PoseSightings, RefusedError, SightingDefaults
 from gcs.viewer.drawing import MOVING_M_S
 
 _CONNECT_MS = 5000
@@ -105,8 +105,8 @@ class RosSession:
         """Leave ROS; blocks."""
         self._session.close()  # type: ignore[no-untyped-call]
 
-    def _endpoint(self, topic: str, kind: str) -> Endpoint:
-        return Endpoint(self._side.domain, topic, kind, self._messages.type_hash(kind))
+    def _endpoint(self, topic: str, kind: str) -> RosEndpoint:
+        return RosEndpoint(self._side.domain, topic, kind, self._messages.type_hash(kind))
 
     def _receive(self, sample: zenoh.Sample) -> None:
         self._take(str(sample.key_expr), sample.payload.to_bytes())
@@ -184,7 +184,7 @@ class Bridge:
         """Take a message of ROS, on a thread of Zenoh."""
         with self._lock:
             if len(self._waiting) >= _WAITING_MAX:
-                self.sightings.refused[Refusal.RATE] += 1
+                self.sightings.refused[PoseRefusal.RATE] += 1
                 return
             self._waiting.append((key, payload))
             if len(self._waiting) > 1:

@@ -35,7 +35,7 @@ def dds_type(kind: str) -> str:
 
 
 @dataclass(frozen=True, slots=True)
-class Endpoint:
+class RosEndpoint:
     """A publisher or subscription of a node: its topic (`target/pose`), type, the type's hash, and its domain."""
 
     domain: int

@@ -21,7 +21,7 @@ _XX, _XY, _YX, _YY, _ZZ = 0, 1, 6, 7, 14
 _UNLIKE = 1e-6
 
 
-class Refusal(Enum):
+class PoseRefusal(Enum):
     """Why a message is no sighting."""
 
     TYPE = "neither a PoseStamped nor a PoseWithCovarianceStamped of this definition"
@@ -39,7 +39,7 @@ class Refusal(Enum):
 class RefusedError(Exception):
     """A message is refused: the reason, and the value in it."""
 
-    def __init__(self, refusal: Refusal, detail: str) -> None:
+    def __init__(self, refusal: PoseRefusal, detail: str) -> None:
         super().__init__(f"{refusal.value} ({detail})")
         self.refusal = refusal
 
@@ -69,7 +69,7 @@ class PoseSightings:
         self._checks = Perception(self._frame, lambda _reason: None, [each.name for each in mission.targets])
         self._name = mission.mission.name
         self._due_s = 0.0
-        self.refused: Counter[Refusal] = Counter()
+        self.refused: Counter[PoseRefusal] = Counter()
         self.taken = 0
 
     def take(self, key: str, payload: bytes, team_s: float | None, received_s: float) -> bytes:
@@ -79,10 +79,10 @@ class PoseSightings:
         """
         try:
             if team_s is None:
-                raise RefusedError(Refusal.TEAM, self._name)
+                raise RefusedError(PoseRefusal.TEAM, self._name)
             sighting = self._sighting(key, payload, team_s)
             if received_s < self._due_s:
-                raise RefusedError(Refusal.RATE, key)
+                raise RefusedError(PoseRefusal.RATE, key)
         except RefusedError as error:
             self.refused[error.refusal] += 1
             raise
@@ -93,34 +93,34 @@ class PoseSightings:
     def _sighting(self, key: str, payload: bytes, team_s: float) -> bytes:
         kind, stated_hash = key.split("/")[-2:]
         if self._hashes.get(kind) != stated_hash:
-            raise RefusedError(Refusal.TYPE, f"{kind}/{stated_hash}"[:160])
+            raise RefusedError(PoseRefusal.TYPE, f"{kind}/{stated_hash}"[:160])
         if len(payload) > PAYLOAD_MAX_BYTES:
-            raise RefusedError(Refusal.LENGTH, f"{len(payload)} bytes")
+            raise RefusedError(PoseRefusal.LENGTH, f"{len(payload)} bytes")
         try:
             message = self._messages.decode(_KINDS[kind], payload)
         except MalformedError as error:
-            raise RefusedError(Refusal.MALFORMED, str(error)) from error
+            raise RefusedError(PoseRefusal.MALFORMED, str(error)) from error
         sighting = self._read(message, _KINDS[kind], team_s)
         encoded = encode_sighting(sighting)
         try:
             self._checks.read(encoded, team_s, 1.0)
         except SightingRefusedError as error:
-            raise RefusedError(Refusal.VALUE, str(error)) from error
+            raise RefusedError(PoseRefusal.VALUE, str(error)) from error
         return encoded
 
     def _read(self, message: Any, kind: str, team_s: float) -> ExternalSighting:
         defaults, stamp = self._defaults, message.header.stamp
         if message.header.frame_id != defaults.frame_id:
-            raise RefusedError(Refusal.FRAME, f"{message.header.frame_id[:32]!r}, not {defaults.frame_id!r}")
+            raise RefusedError(PoseRefusal.FRAME, f"{message.header.frame_id[:32]!r}, not {defaults.frame_id!r}")
         pose = message.pose.pose if kind == POSE_COVARIANCE else message.pose
         covariance = [float(each) for each in message.pose.covariance] if kind == POSE_COVARIANCE else [0.0] * 36
         place_m = (pose.position.x, pose.position.y, pose.position.z)
         if not all(map(isfinite, (*place_m, *(covariance[at] for at in (_XX, _XY, _YX, _YY, _ZZ))))):
-            raise RefusedError(Refusal.NUMBERS, f"position {place_m}")
+            raise RefusedError(PoseRefusal.NUMBERS, f"position {place_m}")
         # ROS states the time 0 where it has none, and zeros for a covariance that is unknown.
         time_s = stamp.sec + stamp.nanosec / 1e9 if (stamp.sec, stamp.nanosec) != (0, 0) else None
         if time_s is not None and team_s - time_s > self._late_max_s:
-            raise RefusedError(Refusal.STALE, f"{team_s - time_s:.2f} s, at most {self._late_max_s:g}")
+            raise RefusedError(PoseRefusal.STALE, f"{team_s - time_s:.2f} s, at most {self._late_max_s:g}")
         horizontal_m2, sigma_z_m = self._uncertainty(covariance)
         x, y, z = mission_from_enu(self._frame, place_m)
         return ExternalSighting(
@@ -142,5 +142,5 @@ class PoseSightings:
             return (sigma_m**2, 0.0, sigma_m**2), sigma_m
         ee, en, ne, nn, uu = (covariance[at] for at in (_XX, _XY, _YX, _YY, _ZZ))
         if not (ee > 0.0 and ee * nn > en * en and abs(en - ne) <= _UNLIKE * (ee + nn) and uu >= 0.0):
-            raise RefusedError(Refusal.COVARIANCE, f"{ee:g}, {en:g}, {ne:g}, {nn:g}; up {uu:g}")
+            raise RefusedError(PoseRefusal.COVARIANCE, f"{ee:g}, {en:g}, {ne:g}, {nn:g}; up {uu:g}")
         return (ee, en, nn), sqrt(uu) if uu else sigma_m

@@ -17,7 +17,7 @@ from gcs.flight.flight import FlightOutcome
 from gcs.flight.plan import FlightPlan
 from gcs.flight.stubs import stub_configs
 from gcs.mission.file import load_mission
-from gcs.ros2.sightings import Refusal
+from gcs.ros2.sightings import PoseRefusal
 from tests.support.cdr import Pose, pose_bytes, pose_of
 from tests.support.flights import flying, in_flight, unseen_view
 from tests.support.mission_text import LOW
@@ -237,16 +237,16 @@ def assert_listed(session: zenoh.Session) -> None:
     assert tokens == expected
 
 
-def no_sightings(pose: Pose) -> list[tuple[Refusal, str, bytes]]:
+def no_sightings(pose: Pose) -> list[tuple[PoseRefusal, str, bytes]]:
     """Return messages that are no sightings of a target 60 m away, each with the reason why."""
     far_m, stamp = (60.0, 60.0, 0.0), (pose.seconds, pose.nanoseconds)
     whole = pose_bytes(far_m, stamp=stamp)
     return [
-        (Refusal.TYPE, "geometry_msgs::msg::dds_::PointStamped_/" + POSE_KEY.partition("/")[2], whole),
-        (Refusal.LENGTH, POSE_KEY, bytes(2000)),
-        (Refusal.MALFORMED, POSE_KEY, whole[:-9]),
-        (Refusal.NUMBERS, POSE_KEY, pose_bytes((60.0, nan, 0.0), stamp=stamp)),
-        (Refusal.FRAME, POSE_KEY, pose_bytes(far_m, stamp=stamp, frame="odom")),
-        (Refusal.STALE, POSE_KEY, pose_bytes(far_m, stamp=(pose.seconds - 60, 0))),
-        (Refusal.COVARIANCE, COVARIANCE_KEY, pose_bytes(far_m, stamp=stamp, covariance=[-1.0] * 36)),
+        (PoseRefusal.TYPE, "geometry_msgs::msg::dds_::PointStamped_/" + POSE_KEY.partition("/")[2], whole),
+        (PoseRefusal.LENGTH, POSE_KEY, bytes(2000)),
+        (PoseRefusal.MALFORMED, POSE_KEY, whole[:-9]),
+        (PoseRefusal.NUMBERS, POSE_KEY, pose_bytes((60.0, nan, 0.0), stamp=stamp)),
+        (PoseRefusal.FRAME, POSE_KEY, pose_bytes(far_m, stamp=stamp, frame="odom")),
+        (PoseRefusal.STALE, POSE_KEY, pose_bytes(far_m, stamp=(pose.seconds - 60, 0))),
+        (PoseRefusal.COVARIANCE, COVARIANCE_KEY, pose_bytes(far_m, stamp=stamp, covariance=[-1.0] * 36)),
     ]

@@ -158,7 +158,7 @@ def test_bad_input_ends_in_2_and_names_what_is_wrong(
     for words, named in (
         ((str(log.path),), "--ros2"),
         (("--ros2", str(log.path), "-o", str(bag)), f"{str(bag)!r} exists already"),
-        (("--ros2", str(log.path), "-o", str(tmp_path / "missing" / "bag")), "No such file or directory"),
+        (("--ros2", str(log.path), "-o", str(tmp_path / "missing" / "bag")), "--output: no folder"),
         (("--ros2", str(tmp_path / "none.mcap")), "it is not an MCAP file"),
         (("--ros2", str(tmp_path / "absent.mcap")), "absent.mcap"),
     ):

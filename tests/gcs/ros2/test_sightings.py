@@ -12,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from gcs.ros2.messages import Messages
-from gcs.ros2.sightings import PoseSightings, Refusal, RefusedError, SightingDefaults
+from gcs.ros2.sightings import PoseRefusal, PoseSightings, RefusedError, SightingDefaults
 from tests.support.cdr import pose_bytes
 from tests.support.mission_text import content, parsed, put
 
@@ -53,7 +53,7 @@ def taken(reading: PoseSightings, key: str, payload: bytes, team_s: float = NOW_
     return dict(json.loads(reading.take(key, payload, team_s, received_s=1.0)))
 
 
-def refusal(reading: PoseSightings, key: str, payload: bytes, team_s: float | None = NOW_S) -> Refusal:
+def refusal(reading: PoseSightings, key: str, payload: bytes, team_s: float | None = NOW_S) -> PoseRefusal:
     with pytest.raises(RefusedError) as refused:
         reading.take(key, payload, team_s, received_s=1.0)
     assert reading.refused[refused.value.refusal] == 1
@@ -93,33 +93,33 @@ def test_what_a_pose_does_not_state_is_taken_from_the_options() -> None:
         assert "target" not in sighting
 
 
-NO_SIGHTINGS: tuple[tuple[Refusal, str, bytes], ...] = (
-    (Refusal.TYPE, POSE_KEY.replace("PoseStamped_", "TwistStamped_"), pose_bytes((1.0, 2.0, 3.0))),
-    (Refusal.TYPE, POSE_KEY.replace("RIHS01_10", "RIHS01_11"), pose_bytes((1.0, 2.0, 3.0))),
-    (Refusal.TYPE, "0/target/pose/x/y", b""),
-    (Refusal.LENGTH, POSE_KEY, bytes(1025)),
-    (Refusal.MALFORMED, POSE_KEY, b""),
-    (Refusal.MALFORMED, POSE_KEY, pose_bytes((1.0, 2.0, 3.0))[:-1]),
-    (Refusal.MALFORMED, POSE_KEY, pose_bytes((1.0, 2.0, 3.0)) + bytes(8)),
-    (Refusal.MALFORMED, POSE_KEY, b"\x09" + pose_bytes((1.0, 2.0, 3.0))[1:]),
-    (Refusal.MALFORMED, COVARIANCE_KEY, pose_bytes((1.0, 2.0, 3.0))),
-    (Refusal.MALFORMED, POSE_KEY, pose_bytes((1.0, 2.0, 3.0), covariance=covariance(1.0, 0.0, 1.0))),
-    (Refusal.NUMBERS, POSE_KEY, pose_bytes((nan, 2.0, 3.0))),
-    (Refusal.NUMBERS, POSE_KEY, pose_bytes((1.0, -inf, 3.0))),
-    (Refusal.NUMBERS, POSE_KEY, pose_bytes((1.0, 2.0, nan))),
-    (Refusal.NUMBERS, COVARIANCE_KEY, pose_bytes((1.0, 2.0, 3.0), covariance=covariance(nan, 0.0, 1.0))),
-    (Refusal.FRAME, POSE_KEY, pose_bytes((1.0, 2.0, 3.0), frame="odom")),
-    (Refusal.FRAME, POSE_KEY, pose_bytes((1.0, 2.0, 3.0), frame="")),
-    (Refusal.STALE, POSE_KEY, pose_bytes((1.0, 2.0, 3.0), stamp=(NOW[0] - 1, 0))),
-    (Refusal.STALE, POSE_KEY, pose_bytes((1.0, 2.0, 3.0), stamp=(-5, 0))),
-    (Refusal.VALUE, POSE_KEY, pose_bytes((1.0, 2.0, 3.0), stamp=(NOW[0] + 2, 0))),
-    (Refusal.VALUE, POSE_KEY, pose_bytes((2e6, 0.0, 0.0))),
-    (Refusal.VALUE, POSE_KEY, pose_bytes((1e300, 0.0, 0.0))),
-    (Refusal.COVARIANCE, COVARIANCE_KEY, pose_bytes((1.0, 2.0, 3.0), covariance=covariance(1.0, 2.0, 1.0))),
-    (Refusal.COVARIANCE, COVARIANCE_KEY, pose_bytes((1.0, 2.0, 3.0), covariance=covariance(0.0, 0.0, 1.0))),
-    (Refusal.COVARIANCE, COVARIANCE_KEY, pose_bytes((1.0, 2.0, 3.0), covariance=covariance(1.0, 0.0, 1.0, -1.0))),
+NO_SIGHTINGS: tuple[tuple[PoseRefusal, str, bytes], ...] = (
+    (PoseRefusal.TYPE, POSE_KEY.replace("PoseStamped_", "TwistStamped_"), pose_bytes((1.0, 2.0, 3.0))),
+    (PoseRefusal.TYPE, POSE_KEY.replace("RIHS01_10", "RIHS01_11"), pose_bytes((1.0, 2.0, 3.0))),
+    (PoseRefusal.TYPE, "0/target/pose/x/y", b""),
+    (PoseRefusal.LENGTH, POSE_KEY, bytes(1025)),
+    (PoseRefusal.MALFORMED, POSE_KEY, b""),
+    (PoseRefusal.MALFORMED, POSE_KEY, pose_bytes((1.0, 2.0, 3.0))[:-1]),
+    (PoseRefusal.MALFORMED, POSE_KEY, pose_bytes((1.0, 2.0, 3.0)) + bytes(8)),
+    (PoseRefusal.MALFORMED, POSE_KEY, b"\x09" + pose_bytes((1.0, 2.0, 3.0))[1:]),
+    (PoseRefusal.MALFORMED, COVARIANCE_KEY, pose_bytes((1.0, 2.0, 3.0))),
+    (PoseRefusal.MALFORMED, POSE_KEY, pose_bytes((1.0, 2.0, 3.0), covariance=covariance(1.0, 0.0, 1.0))),
+    (PoseRefusal.NUMBERS, POSE_KEY, pose_bytes((nan, 2.0, 3.0))),
+    (PoseRefusal.NUMBERS, POSE_KEY, pose_bytes((1.0, -inf, 3.0))),
+    (PoseRefusal.NUMBERS, POSE_KEY, pose_bytes((1.0, 2.0, nan))),
+    (PoseRefusal.NUMBERS, COVARIANCE_KEY, pose_bytes((1.0, 2.0, 3.0), covariance=covariance(nan, 0.0, 1.0))),
+    (PoseRefusal.FRAME, POSE_KEY, pose_bytes((1.0, 2.0, 3.0), frame="odom")),
+    (PoseRefusal.FRAME, POSE_KEY, pose_bytes((1.0, 2.0, 3.0), frame="")),
+    (PoseRefusal.STALE, POSE_KEY, pose_bytes((1.0, 2.0, 3.0), stamp=(NOW[0] - 1, 0))),
+    (PoseRefusal.STALE, POSE_KEY, pose_bytes((1.0, 2.0, 3.0), stamp=(-5, 0))),
+    (PoseRefusal.VALUE, POSE_KEY, pose_bytes((1.0, 2.0, 3.0), stamp=(NOW[0] + 2, 0))),
+    (PoseRefusal.VALUE, POSE_KEY, pose_bytes((2e6, 0.0, 0.0))),
+    (PoseRefusal.VALUE, POSE_KEY, pose_bytes((1e300, 0.0, 0.0))),
+    (PoseRefusal.COVARIANCE, COVARIANCE_KEY, pose_bytes((1.0, 2.0, 3.0), covariance=covariance(1.0, 2.0, 1.0))),
+    (PoseRefusal.COVARIANCE, COVARIANCE_KEY, pose_bytes((1.0, 2.0, 3.0), covariance=covariance(0.0, 0.0, 1.0))),
+    (PoseRefusal.COVARIANCE, COVARIANCE_KEY, pose_bytes((1.0, 2.0, 3.0), covariance=covariance(1.0, 0.0, 1.0, -1.0))),
     (
-        Refusal.COVARIANCE,
+        PoseRefusal.COVARIANCE,
         COVARIANCE_KEY,
         pose_bytes((1.0, 2.0, 3.0), covariance=[1.0, 0.5, *[0.0] * 5, 1.0, *[0.0] * 28]),
     ),
@@ -134,8 +134,8 @@ def test_what_cannot_be_a_sighting_is_refused_and_counted(subtests: pytest.Subte
 
 def test_nothing_is_sent_to_a_team_that_flies_another_mission_or_of_an_unknown_target() -> None:
     payload = pose_bytes((1.0, 2.0, 3.0))
-    assert refusal(reader(), POSE_KEY, payload, team_s=None) is Refusal.TEAM
-    assert refusal(reader(target="boat"), POSE_KEY, payload) is Refusal.VALUE
+    assert refusal(reader(), POSE_KEY, payload, team_s=None) is PoseRefusal.TEAM
+    assert refusal(reader(target="boat"), POSE_KEY, payload) is PoseRefusal.VALUE
 
 
 def test_a_flood_is_thinned() -> None:
@@ -145,4 +145,4 @@ def test_a_flood_is_thinned() -> None:
         with suppress(RefusedError):
             reading.take(POSE_KEY, payload, NOW_S, received_s=100.0 + 0.005 * number)
     assert 20 <= reading.taken <= 26
-    assert reading.refused[Refusal.RATE] == 100 - reading.taken
+    assert reading.refused[PoseRefusal.RATE] == 100 - reading.taken
