@@ -2,6 +2,7 @@
 
 import asyncio
 import json
+import re
 import signal
 import struct
 from collections.abc import AsyncIterator, Callable, Iterator, Sequence
@@ -216,9 +217,9 @@ async def test_a_stream_of_poses_moves_the_ring_and_the_vehicles_poses_are_read_
         _, output = await bridge.communicate()
         assert bridge.returncode == 0
         summary = output.decode().splitlines()[-1]
-        with subtests.test("each is counted by its reason"):
+        with subtests.test("each is counted by its reason; a busy computer's own late ones as well"):
             for refusal, _, _ in refused:
-                assert f"1: {refusal.value}" in summary, summary
+                assert re.search(rf"\b[1-9]\d*: {re.escape(refusal.value)}", summary), summary
     assert not tracked.task.done()
 
 
