@@ -1,4 +1,4 @@
-"""One Zenoh session of a team's bus: the only importer of zenoh.
+"""One Zenoh session of a team's bus: the only importer of zenoh beside the bridge to ROS 2.
 
 Keys are `cordon/{team}/{topic}/{name}`, of commands `cordon/{team}/command/{verb}/{name}`; the name is that of the
 sender (`agents/team/participant.py`). A vehicle's presence is a liveliness token `cordon/{team}/alive/{vehicle_id}`, an

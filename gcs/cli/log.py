@@ -7,11 +7,11 @@ from typing import Annotated
 from cyclopts import App, Parameter
 
 from gcs.cli.options import file_or_folder, only_file
-from gcs.errors import Exit
+from gcs.errors import Exit, InputError
 
 log = App(
     name="log",
-    help="Repair a flight log, verify its audit log, or write the layout for its viewers.\n\n"
+    help="Repair or export a flight log, verify its audit log, or write the layout for its viewers.\n\n"
     "Example: cordon log layout -o cordon-layout.json",
 )
 
@@ -60,6 +60,51 @@ def recover(options: RecoverOptions) -> Exit:
     for fault in recovered.faults:
         print_line(f"incomplete: {fault}", "yellow")
     return Exit.VERDICT_FAILED if recovered.is_damaged else Exit.HOLDS
+
+
+@Parameter(name="*")
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ExportOptions:
+    """Options of `cordon log export`."""
+
+    log: Annotated[Path, Parameter(validator=only_file, help="A flight log. It is not changed.")] = field(kw_only=False)
+    ros2: Annotated[
+        bool,
+        Parameter(negative="", help="As a bag of ROS 2: poses, velocities, transforms and markers."),
+    ] = False
+    output: Annotated[
+        Path | None,
+        Parameter(name=["--output", "-o"], help="The folder to write instead of LOG-ros2; must not exist yet."),
+    ] = None
+
+
+@log.command
+def export(options: ExportOptions) -> Exit:
+    """Write a flight log in the format of another program.
+
+    Exit code 1 if the log is damaged: what is readable is exported.
+
+    Example: cordon log export --ros2 flight.mcap
+    """
+    from gcs.cli.output import ExportProgress, check_folder, print_log_faults
+    from gcs.console.terminal import print_line
+    from gcs.flightlog.reader import read_log
+    from gcs.ros2.bag import bag_path, require_absent
+    from gcs.ros2.bag import export as write_bag
+    from gcs.ros2.messages import require_rosbags
+
+    if not options.ros2:
+        raise InputError(["--ros2: name the format to export to; next: cordon log export --ros2 LOG"])
+    require_rosbags()
+    target = options.output or bag_path(options.log)
+    require_absent(target)
+    check_folder("--output", target.parent)
+    flight = read_log(options.log)
+    print_log_faults(flight)
+    with ExportProgress(options.log) as progress:
+        exported = write_bag(flight, target, progress.update)
+    print_line(f"{target}: {exported.messages} messages of {exported.seconds:.1f} s; next: ros2 bag play {target}")
+    return Exit.VERDICT_FAILED if flight.is_damaged else Exit.HOLDS
 
 
 @log.command

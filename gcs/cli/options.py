@@ -62,6 +62,7 @@ Duration = Annotated[
     float | None,
     Parameter(help="Seconds of mission time to fly, instead of the mission's.", validator=Number(gt=0, lte=86400)),
 ]
+Share = Annotated[float, Parameter(validator=Number(gte=0.0, lte=1.0))]
 AS_FAST_AS_POSSIBLE = "max"
 
 

@@ -86,6 +86,13 @@ class ReadingProgress(_ProgressBar):
         super().__init__(path.name, "{task.percentage:.0f} % read", 1.0, _PROGRESS_STEP_SHARE)
 
 
+class ExportProgress(_ProgressBar):
+    """How much of a log is exported, as a share."""
+
+    def __init__(self, path: Path) -> None:
+        super().__init__(path.name, "{task.percentage:.0f} % exported", 1.0, _PROGRESS_STEP_SHARE)
+
+
 class AnimationProgress(_ProgressBar):
     """How much of an animation is drawn, as a share."""
 

@@ -9,14 +9,12 @@ from typing import TYPE_CHECKING, Annotated
 from cyclopts import Parameter
 from cyclopts.validators import Number
 
-from gcs.cli.options import Changes, KeyName, RunningMission, bus_mission
+from gcs.cli.options import Changes, KeyName, RunningMission, Share, bus_mission
 from gcs.errors import Exit, InputError
 
 if TYPE_CHECKING:
     from agents.team.perception import ExternalSighting
     from gcs.mission.mission import Mission
-
-Share = Annotated[float, Parameter(validator=Number(gte=0.0, lte=1.0))]
 
 
 @Parameter(name="*")

@@ -67,6 +67,7 @@ BESIDE = (
     VerbRun("watch", "--mission fly.toml", ready="#2", lasts=True),
     VerbRun("station", "--mission fly.toml --address 127.0.0.1:{page}", ready="http", lasts=True),
     VerbRun("target", "0 0 --mission fly.toml"),
+    VerbRun("ros2", "fly.toml --router tcp/127.0.0.1:9", (3,)),  # there is no router of ROS
     VerbRun("command", "land --mission fly.toml"),
 )
 STUBS = VerbRun("sitl", "stubs.toml", ready="Ctrl-C", lasts=True)
@@ -83,6 +84,7 @@ ALONE = (
     VerbRun("replay", "sim.mcap", keys=OUTPUT_KEYS["replay"]),
     VerbRun("log recover", "sim.mcap"),
     VerbRun("log layout"),
+    VerbRun("log export", "--ros2 sim.mcap"),
     VerbRun("keys init"),
     *(
         VerbRun(f"keys issue {role}", "1" if role == "vehicle" else "hill")
