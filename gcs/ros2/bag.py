@@ -7,7 +7,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from heapq import merge
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, Final, NamedTuple
 
 from agents.inputs import Start
 from estimation.state import Telemetry
@@ -23,7 +23,7 @@ from gcs.style import COLOURS
 from gcs.viewer.drawing import SETPOINT_M, TARGET, TARGET_M, DrawnVehicle, ground_place, targets_seen
 from gcs.viewer.scene import PERIOD_S, drawn_rings, vehicle_frame
 
-_METADATA_VERSION = 8
+_METADATA_VERSION: Final = 8
 """Of the metadata: the rosbag2 of Humble and of all later distributions reads it."""
 _LINE_M = 0.1
 _SIMULATED_S = 1e6
