@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from estimation.plant.model import PlantAxis as PlantAxis
     from gcs.errors import InputError as InputError
     from gcs.flight.simulated_events import Absent as Absent
-    from gcs.flight.simulated_events import Command as Command
+    from gcs.flight.simulated_events import Commanded as Commanded
     from gcs.flight.simulated_events import Disturbance as Disturbance
     from gcs.flight.simulated_events import Link as Link
     from gcs.flight.simulated_events import MessageLoss as MessageLoss
@@ -39,7 +39,7 @@ if TYPE_CHECKING:
 _HOMES = {
     "Absent": "gcs.flight.simulated_events",
     "AgentConfig": "agents.settings.config",
-    "Command": "gcs.flight.simulated_events",
+    "Commanded": "gcs.flight.simulated_events",
     "Disturbance": "gcs.flight.simulated_events",
     "Flight": "cordon.flight",
     "FlightResult": "gcs.metrics.result",

@@ -239,7 +239,7 @@ def simulate(
     - `plants`: the true plants of vehicles, by id: a `Plant`, or a step function, see `cordon.StepFunction`. The
       controllers still use the plants of the profiles.
     - `target`: a `cordon.TargetPath` or a `cordon.ReactingTarget`.
-    - `events`: what happens in the flight: `cordon.Absent`, `cordon.Command`, `cordon.Disturbance` and
+    - `events`: what happens in the flight: `cordon.Absent`, `cordon.Commanded`, `cordon.Disturbance` and
       `cordon.MessageLoss`.
     - `links`: the radio links, a `cordon.Link` for each pair of vehicles that has one; None: all within
       `network.range_m`.

@@ -16,7 +16,6 @@ from agents.team.verbs import CommandVerb
 from gcs.console.verb_arguments import given_command
 from gcs.errors import InputError
 from gcs.mission.mission import Mission
-from gcs.preflight.mission import ring_change_faults
 from sitl.simulation.simulation import Absence, NetworkModel, SimulatedVehicle
 from sitl.vehicle.plant_step import Pair
 
@@ -40,7 +39,7 @@ class Absent:
 
 
 @dataclass(frozen=True, slots=True)
-class Command:
+class Commanded:
     """An operator's command at a mission time, as for `cordon command`: "hold", "ring radius=15", "assign 3 left".
 
     It is for the whole team, or one `vehicle`. Absent vehicles do not receive it.
@@ -71,7 +70,7 @@ class MessageLoss:
     vehicle: int | None = None
 
 
-SimulationEvent = Absent | Command | Disturbance | MessageLoss
+SimulationEvent = Absent | Commanded | Disturbance | MessageLoss
 
 
 @dataclass(frozen=True, slots=True)
@@ -105,7 +104,7 @@ class SimulatedEvents:
         absent = sorted((each for each in events if isinstance(each, Absent)), key=lambda each: each.from_s)
         faults += _overlaps(absent)
         self.absences = [Absence(each.vehicle, each.from_s, each.until_s, each.at_m) for each in absent]
-        commands = sorted((each for each in events if isinstance(each, Command)), key=lambda each: each.at_s)
+        commands = sorted((each for each in events if isinstance(each, Commanded)), key=lambda each: each.at_s)
         self._commands = deque(_operator_commands(mission, commands, faults))
         if faults:
             raise InputError(faults)
@@ -166,7 +165,7 @@ def _faults(mission: Mission, event: object, duration_s: float) -> Iterator[str]
         return
     if event.vehicle is not None and event.vehicle not in mission.ids:
         yield f"events: {event}: the mission has no vehicle {event.vehicle!r} (it has {_named(mission.ids)})"
-    begins_s, ends_s = (event.at_s, inf) if isinstance(event, Command) else (event.from_s, event.until_s)
+    begins_s, ends_s = (event.at_s, inf) if isinstance(event, Commanded) else (event.from_s, event.until_s)
     if not 0.0 <= begins_s <= duration_s:
         yield f"events: {event}: its time must be from 0 to {duration_s:g} s, the duration of the flight"
     if not begins_s < ends_s:
@@ -204,22 +203,23 @@ def _link_faults(mission: Mission, links: Links) -> Iterator[str]:
             yield f"{of}: {link}: loss must be from 0 to 1, and range_m not negative"
 
 
-def _operator_commands(mission: Mission, commands: Sequence[Command], faults: list[str]) -> Iterator[OperatorCommand]:
+def _operator_commands(mission: Mission, commands: Sequence[Commanded], faults: list[str]) -> Iterator[OperatorCommand]:
     """Return the commands, in order of time, as vehicles receive them; add what is wrong with them to the faults."""
     flown = [MISSION_RING] * max(len(mission.rings), 1)
     for number, event in enumerate(commands):
-        words = event.text.split()
-        verb = next((each for each in get_args(CommandVerb) if words[:1] == [each]), None)
+        verb, arguments = _parsed(event.text)
         if verb is None:
             faults.append(f"events: {event}: the text must begin with one of {', '.join(get_args(CommandVerb))}")
             continue
         try:
-            given = given_command(mission, verb, words[1:], event.vehicle)
+            given = given_command(mission, verb, arguments, event.vehicle)
         except InputError as error:
             faults += [f"events: {event}: {fault}" for fault in error.faults]
             continue
         ring = given.argument if isinstance(given.argument, RingValues) else None
         if ring is not None:
+            from gcs.preflight.mission import ring_change_faults  # noqa: PLC0415 - MAVSDK
+
             at = given.ring_number or 0
             faults += [f"events: {event}: {each}" for each in ring_change_faults(mission, ring, flown, at)]
             flown[at] = flown[at].commanded(ring, event.at_s)
@@ -233,6 +233,12 @@ def _operator_commands(mission: Mission, commands: Sequence[Command], faults: li
             ring=ring,
             ring_number=given.ring_number,
         )
+
+
+def _parsed(text: str) -> tuple[CommandVerb | None, list[str]]:
+    """Return the verb of a command, None if it is unknown, and its arguments."""
+    words = text.split()
+    return next((each for each in get_args(CommandVerb) if words[:1] == [each]), None), words[1:]
 
 
 def _named(ids: Sequence[int]) -> str:

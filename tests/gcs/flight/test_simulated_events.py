@@ -9,7 +9,7 @@ import pytest
 
 import cordon
 from agents.flight_end import FlightEnd
-from cordon import Absent, Command, Disturbance, Link, MessageLoss
+from cordon import Absent, Commanded, Disturbance, Link, MessageLoss
 from gcs.flightlog.reader import read_log
 from gcs.replay.cores import replay
 
@@ -72,7 +72,7 @@ def test_a_disturbance_pushes_as_the_plant_says(mission: cordon.Mission) -> None
 
 
 def test_commands_are_carried_out_at_their_times(mission: cordon.Mission) -> None:
-    events = [Command(75.0, "resume", 2), Command(70.0, "hold", 2), Command(90.0, "ring radius=13 rate=-0.05")]
+    events = [Commanded(75.0, "resume", 2), Commanded(70.0, "hold", 2), Commanded(90.0, "ring radius=13 rate=-0.05")]
     flown = cordon.simulate(mission, seed=SEED, duration_s=150.0, events=events)
     tactic = flown.vehicles[2].tactic
     assert (tactic[699], tactic[701], tactic[749], tactic[751]) == ("encircle", "hold", "hold", "encircle")
@@ -115,11 +115,11 @@ FAULTS = {
     "ends first": (MessageLoss(10.0, 0.5, 5.0), "until_s must be later"),
     "no share": (MessageLoss(10.0, 1.5), "loss must be from 0 to 1"),
     "not two numbers": (Disturbance(1.0, (0.1,)), "(x, y)"),  # type: ignore[arg-type]
-    "no verb": (Command(1.0, "dance"), "hold, resume, land"),
-    "no ring of that name": (Command(1.0, "ring left radius=12"), "left"),
-    "not in a ring of one": (Command(1.0, "assign 2 left"), "one ring"),
-    "too small a ring": (Command(1.0, "ring radius=1.1"), "radius"),
-    "no event": ("hold", "cordon.Absent, cordon.Command"),
+    "no verb": (Commanded(1.0, "dance"), "hold, resume, land"),
+    "no ring of that name": (Commanded(1.0, "ring left radius=12"), "left"),
+    "not in a ring of one": (Commanded(1.0, "assign 2 left"), "one ring"),
+    "too small a ring": (Commanded(1.0, "ring radius=1.1"), "radius"),
+    "no event": ("hold", "cordon.Absent, cordon.Commanded"),
 }
 
 
