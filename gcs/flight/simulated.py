@@ -19,8 +19,8 @@ from agents.tactics import NO_TACTIC, Tactic
 from estimation.state import POSITION, VELOCITY, Vector
 from gcs.flight.simulated_events import SimulatedEvents
 from gcs.metrics.ending import VehicleEnding
-from gcs.metrics.journal import GAP_MAX_S
 from gcs.metrics.record import (
+    GAP_MAX_S,
     FlightEvent,
     FlightRecord,
     GuardTally,

@@ -16,6 +16,7 @@ from agents.team.team import ring_of
 from estimation.state import MOTION, POSITION, VELOCITY, Vector
 from gcs.metrics.ending import VehicleEnding
 from gcs.metrics.record import (
+    GAP_MAX_S,
     FlightEvent,
     FlightRecord,
     GuardTally,
@@ -157,9 +158,6 @@ def _known(time_s: Vector, grid_s: Vector) -> Mask:
     before = np.maximum(after - 1, 0)
     nearest_s = np.minimum(np.abs(grid_s - time_s[before]), np.abs(time_s[after] - grid_s))
     return np.asarray(nearest_s <= _TRUTH_GAP_MAX_S)
-
-
-GAP_MAX_S = 1.0
 
 
 @dataclass(slots=True)

@@ -28,6 +28,8 @@ from gcs.metrics.ending import VehicleEnding
 Mask = NDArray[np.bool_]
 # Rounding errors of times on the record's grid are smaller than this.
 TIME_GRAIN_S = 1e-6
+GAP_MAX_S = 1.0
+"""How far from a vehicle's nearest sample its motion and its tactic are known."""
 ANOTHER_RING = "another ring"
 """The tactic that stands for `encircle` on another ring, in the record of one of several rings."""
 
