@@ -48,9 +48,11 @@ def enu_m(x_m: float, y_m: float) -> tuple[float, float, float]:
 
 
 def centre_m(places_m: list[tuple[float, ...]]) -> tuple[float, float]:
-    """Return the centre of the circle through three places."""
+    """Return the centre of the circle through three places; not numbers for places in a line, as in formation."""
     (ax, ay, *_), (bx, by, *_), (cx, cy, *_) = places_m
     rows = 2.0 * np.array([[bx - ax, by - ay], [cx - ax, cy - ay]])
+    if abs(np.linalg.det(rows)) < 1e-6:
+        return nan, nan
     east, north = np.linalg.solve(rows, [bx**2 - ax**2 + by**2 - ay**2, cx**2 - ax**2 + cy**2 - ay**2])
     return float(east), float(north)
 
