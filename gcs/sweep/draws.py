@@ -52,7 +52,7 @@ class Draw:
 Vary = Mapping[str, Range | Sequence[Any]] | Sequence[Mapping[str, Any]]
 
 
-def drawn_values(vary: Vary, sampling: Sampling, runs: int, seed: int) -> list[tuple[int, dict[str, Any]]]:
+def drawn_values(vary: object, sampling: object, runs: object, seed: object) -> list[tuple[int, dict[str, Any]]]:
     """Return the number of the seed and the varied values of each draw, in order.
 
     A design has a seed for each draw; of combinations, and of draws that are given, each has `runs` seeds. Raises
@@ -62,7 +62,7 @@ def drawn_values(vary: Vary, sampling: Sampling, runs: int, seed: int) -> list[t
         raise InputError([f"runs: it must be a whole number from 1 to {RUNS_MAX} (given: {runs!r})"])
     if not isinstance(seed, int) or isinstance(seed, bool) or seed < 0:
         raise InputError([f"seed: it must be a whole number, not negative (given: {seed!r})"])
-    if sampling not in get_args(Sampling):
+    if not isinstance(sampling, str) or sampling not in get_args(Sampling):
         raise InputError([f"sampling: it must be one of {', '.join(get_args(Sampling))} (given: {sampling!r})"])
     if isinstance(vary, Sequence) and not isinstance(vary, str):
         if not vary or not all(isinstance(each, Mapping) and each.keys() == vary[0].keys() for each in vary):
@@ -92,7 +92,7 @@ def random_of(seed: int, number: int, stream: int) -> np.random.Generator:
     return np.random.default_rng(np.random.SeedSequence((seed, number), spawn_key=(stream,)))
 
 
-def _shares(keys: int, sampling: Sampling, runs: int, seed: int) -> "np.ndarray[Any, np.dtype[np.float64]]":
+def _shares(keys: int, sampling: str, runs: int, seed: int) -> "np.ndarray[Any, np.dtype[np.float64]]":
     """Return shares from 0 to 1 (runs, keys)."""
     if keys == 0:
         return np.empty((runs, 0))
@@ -120,7 +120,7 @@ def _at(values: Range | Sequence[Any], share: float) -> Any:
     return values[min(int(share * len(values)), len(values) - 1)]
 
 
-def _faults(key: object, values: object, sampling: Sampling) -> Iterator[str]:
+def _faults(key: object, values: object, sampling: str) -> Iterator[str]:
     """Return the faults of one varied key."""
     of = f"vary: {key!r}"
     if not isinstance(key, str):

@@ -18,6 +18,7 @@ from gcs.style import COLOURS, FAINT, INK, drawing
 from gcs.sweep.columns import PASS, Column, Row
 
 if TYPE_CHECKING:
+    from matplotlib.artist import Artist
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
@@ -176,18 +177,12 @@ def _draw_spreads(axes: "Axes", picture: Picture, metric: Column, panel_in: floa
     is_scale = all(map(_is_number, places))
     axes.set_xlabel(_wrapped(key, 0.8 * panel_in, _TITLE_PT))
     if not is_scale:
-        room_in = 0.8 * panel_in / len(places)
-        lines = [_wrapped(str(place), room_in, _TICK_PT) for place in places]
-        is_wide = (
-            max(len(part) for line in lines for part in line.split("\n")) * _CHARACTER_EM * _TICK_PT > 72 * room_in
-        )
-        turned: dict[str, Any] = {"rotation": 40, "ha": "right", "rotation_mode": "anchor"} if is_wide else {}
-        axes.set_xticks(range(len(places)), list(map(str, places)) if is_wide else lines, **turned)
+        _name_ticks(axes, places, 0.8 * panel_in / len(places))
         axes.set_xlim(-0.5, len(places) - 0.5)
     at_of = {place: place if is_scale else index for index, place in enumerate(places)}
     whole = picture.together()
     if whole.invalid():
-        all_at = sorted({row[key] for row in whole.rows} if is_scale else at_of.values())  # type: ignore[type-var]
+        all_at = sorted({row[key] for row in whole.rows} if is_scale else at_of.values())
         half = min(np.diff(np.array(all_at, dtype=float)), default=1.0) / 2.0
         for (place,) in whole.invalid():
             at = place if is_scale else at_of[place]
@@ -198,6 +193,14 @@ def _draw_spreads(axes: "Axes", picture: Picture, metric: Column, panel_in: floa
     for number, part in enumerate(picture.parts().values()):
         colour = COLOURS[number % len(COLOURS)]
         _draw_spread(axes, part, metric, colour, None if is_scale else at_of, is_alone=not picture.apart)
+
+
+def _name_ticks(axes: "Axes", places: Sequence[object], room_in: float) -> None:
+    """Write texts below an axis: in lines where they fit into their room, otherwise turned."""
+    wrapped = [_wrapped(str(place), room_in, _TICK_PT) for place in places]
+    fits = all(_wide_in(line) <= room_in for text in wrapped for line in text.split("\n"))
+    turned: dict[str, Any] = {} if fits else {"rotation": 40, "ha": "right", "rotation_mode": "anchor"}
+    axes.set_xticks(range(len(places)), wrapped if fits else list(map(str, places)), **turned)
 
 
 def _draw_spread(
@@ -224,9 +227,9 @@ def _draw_spread(
         return
     quartiles = np.array([np.percentile(values, (25, 50, 75)) for _, values in known]).T
     axes.fill_between(x, quartiles[0], quartiles[2], color=colour, alpha=0.18, linewidth=0.0)
+    runs: dict[str, Any] = {"color": FAINT, "alpha": 0.6} if is_alone else {"color": colour, "alpha": 0.35}
     for (place,), values in picture.groups(metric).items():
-        runs = {"color": FAINT if is_alone else colour, "markersize": 3.0, "alpha": 0.6 if is_alone else 0.35}
-        axes.plot(np.full(values.size, at(place)), values, ".", zorder=1, **runs)
+        axes.plot(np.full(values.size, at(place)), values, ".", markersize=3.0, zorder=1, **runs)
     axes.plot(x, quartiles[1], **line)
 
 
@@ -245,14 +248,14 @@ def _draw_map(axes: "Axes", picture: Picture, metric: Column, width_in: float) -
     axes.grid(visible=False)
     drawn = axes.imshow(cells, origin="lower", aspect="auto", cmap=_MAP_COLOURS, **limits)
     axes.figure.colorbar(drawn, ax=axes, label="fraction of the runs [%]" if is_share else "median")
-    texts = {key: list(map(_label, places)) for key, places in zip(picture.over, (columns, lines), strict=True)}
-    across = _wide_in(max(texts[picture.over[0]], key=len, default="")) + 0.08
-    for set_ticks, labels, most in (
-        (axes.set_xticks, texts[picture.over[0]], max(int(width_in / across), 1)),
-        (axes.set_yticks, texts[picture.over[1]], 12),
+    for places, set_ticks, most in (
+        (columns, axes.set_xticks, max(int(width_in / (max(map(_wide_in, map(_label, columns))) + 0.08)), 1)),
+        (lines, axes.set_yticks, 12),
     ):
-        step = ceil(len(labels) / most)
-        set_ticks(range(0, len(labels), step), labels[::step])
+        step = ceil(len(places) / most) if all(map(_is_number, places)) else 1
+        set_ticks(range(0, len(places), step), list(map(_label, places[::step])))
+    if not all(map(_is_number, columns)):
+        _name_ticks(axes, columns, width_in / len(columns))
     axes.set_xlabel(_wrapped(picture.over[0], width_in, _TITLE_PT))
     axes.set_ylabel(_wrapped(picture.over[1], 0.7 * _PANEL_IN[1], _TITLE_PT))
     for marked, style in ((picture.invalid(), _INVALID), ([*picture.lacking(metric)], _LACKING)):
@@ -282,7 +285,7 @@ def _value(value: float) -> str:
 
 
 def _label(place: object) -> str:
-    return f"{place:.4g}" if isinstance(place, float) else str(place)
+    return f"{place:.3g}" if isinstance(place, float) else str(place)
 
 
 def _wide_in(text: str, size_pt: float = _TICK_PT) -> float:
@@ -295,11 +298,12 @@ def _draw_words(figure: "Figure", picture: Picture, width_in: float) -> None:
     from matplotlib.patches import Patch  # noqa: PLC0415
 
     figure.suptitle(_wrapped(picture.title, 0.96 * width_in, 10.5), x=0.01, ha="left", fontsize=10.5, color=INK)
-    is_map, handles = len(picture.over) == 2, []
+    is_map = len(picture.over) == 2
+    handles: list[Artist] = []
     lacking = [metric for metric in picture.metrics if picture.lacking(metric)]
     if not is_map:
         median: dict[str, Any] = {"marker": "o", "markersize": 3.5}
-        handles = [
+        handles += [
             Line2D([], [], label=f"median: {name}" if name else "median", color=COLOURS[at % len(COLOURS)], **median)
             for at, name in enumerate(picture.parts())
         ]
