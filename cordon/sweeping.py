@@ -65,7 +65,7 @@ def sweep(
     >>> import cordon
     >>> found = cordon.sweep("case2", runs=2, vary={"encirclement.radius_m": cordon.Range(8, 14)}, duration_s=5.0)
     >>> found
-    <SweepResult of 2 runs: 2 not judged>
+    <SweepResult of 2 runs: 0 pass, 2 not judged>
     >>> [name for name in found.table][:4], found.table["closest_approach_m"].shape
     (['mission', 'planner', 'encirclement.radius_m', 'seed'], (2,))
     """

@@ -198,7 +198,7 @@ def _draw_spreads(axes: "Axes", picture: Picture, metric: Column, panel_in: floa
 def _name_ticks(axes: "Axes", places: Sequence[object], room_in: float) -> None:
     """Write texts below an axis: in lines where they fit into their room, otherwise turned."""
     wrapped = [_wrapped(str(place), room_in, _TICK_PT) for place in places]
-    fits = all(_wide_in(line) <= room_in for text in wrapped for line in text.split("\n"))
+    fits = all(_wide_in(line) <= room_in for text in wrapped for line in text.splitlines())
     turned: dict[str, Any] = {} if fits else {"rotation": 40, "ha": "right", "rotation_mode": "anchor"}
     axes.set_xticks(range(len(places)), wrapped if fits else list(map(str, places)), **turned)
 
