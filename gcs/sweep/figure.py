@@ -29,8 +29,8 @@ _DRAWN_FROM, _RUNS_EACH = 24, 3
 _CHARACTER_EM = 0.62
 """The width of a character, rather too wide."""
 _TITLE_PT, _CELL_PT, _TICK_PT = 9.0, 7.5, 8.0
-_MAP_SHARE = 0.6
-"""The width of a map in its panel, beside its labels and its scale."""
+_TEXTS_IN, _SCALE_IN = 0.9, 1.6
+"""The widths that texts beside a map have at most, and that its scale and names need."""
 _MAP_COLOURS = "cividis"
 _INVALID: dict[str, Any] = {"facecolor": "#E4E4E4"}
 _LACKING: dict[str, Any] = {"fill": False, "hatch": "////", "edgecolor": FAINT}
@@ -137,11 +137,12 @@ def sweep_figure(picture: Picture) -> "Figure":
     count = len(picture.metrics)
     across, down = min(_ACROSS, count), ceil(count / _ACROSS)
     width_in = _PANEL_IN[0] * max(across, 2)
+    height_in = max(_PANEL_IN[1], _map_height_in(picture) + 1.4) if len(picture.over) == 2 else _PANEL_IN[1]
     with drawing():
         from matplotlib.backends.backend_agg import FigureCanvasAgg  # noqa: PLC0415
         from matplotlib.figure import Figure  # noqa: PLC0415
 
-        figure = Figure(figsize=(width_in, _PANEL_IN[1] * down + 0.9), layout="constrained")
+        figure = Figure(figsize=(width_in, height_in * down + 0.9), layout="constrained")
         FigureCanvasAgg(figure)
         panels = figure.subplots(down, across, squeeze=False).ravel()
         panel_in = width_in / across
@@ -150,7 +151,7 @@ def sweep_figure(picture: Picture) -> "Figure":
             axes.set_title(_wrapped(title, 0.7 * panel_in, _TITLE_PT), loc="left", fontsize=_TITLE_PT)
             axes.tick_params(labelsize=_TICK_PT)
             if len(picture.over) == 2:
-                _draw_map(axes, picture.together(), metric, _MAP_SHARE * panel_in)
+                _draw_map(axes, picture.together(), metric, panel_in)
             else:
                 _draw_spreads(axes, picture, metric, panel_in)
         for axes in panels[count:]:
@@ -160,10 +161,10 @@ def sweep_figure(picture: Picture) -> "Figure":
 
 
 def _wrapped(text: str, width_in: float, size_pt: float) -> str:
-    """Return a text in lines that are not wider, also broken behind points and underscores."""
+    """Return a text in lines that are not wider, also broken behind points, hyphens and underscores."""
     most = max(int(width_in * 72.0 / (_CHARACTER_EM * size_pt)), 8)
     lines = [""]
-    for word in re.split(r"(?<=[ ._,])", text):
+    for word in re.split(r"(?<=[ ._,-])", text):
         if len(lines[-1]) + len(word) > most and lines[-1]:
             lines.append("")
         lines[-1] += word
@@ -233,7 +234,19 @@ def _draw_spread(
     axes.plot(x, quartiles[1], **line)
 
 
-def _draw_map(axes: "Axes", picture: Picture, metric: Column, width_in: float) -> None:
+def _texts_beside(places: Sequence[object]) -> list[str]:
+    return [_wrapped(_label(place), _TEXTS_IN, _TICK_PT) for place in places]
+
+
+def _map_height_in(picture: Picture) -> float:
+    """Return the height that the texts beside a map need; of numbers, which are left out in turn, none."""
+    places = picture.places(picture.over[1])
+    if all(map(_is_number, places)):
+        return 0.0
+    return len(places) * max(len(text.splitlines()) for text in _texts_beside(places)) * 1.35 * _TICK_PT / 72.0
+
+
+def _draw_map(axes: "Axes", picture: Picture, metric: Column, panel_in: float) -> None:
     """Draw the median of a metric over two keys; for a verdict, the fraction of the runs that pass.
 
     Values without a valid mission are grey; hatched are those with runs that were not judged, or lack the metric.
@@ -248,12 +261,12 @@ def _draw_map(axes: "Axes", picture: Picture, metric: Column, width_in: float) -
     axes.grid(visible=False)
     drawn = axes.imshow(cells, origin="lower", aspect="auto", cmap=_MAP_COLOURS, **limits)
     axes.figure.colorbar(drawn, ax=axes, label="fraction of the runs [%]" if is_share else "median")
-    for places, set_ticks, most in (
-        (columns, axes.set_xticks, max(int(width_in / (max(map(_wide_in, map(_label, columns))) + 0.08)), 1)),
-        (lines, axes.set_yticks, 12),
-    ):
-        step = ceil(len(places) / most) if all(map(_is_number, places)) else 1
-        set_ticks(range(0, len(places), step), list(map(_label, places[::step])))
+    texts = _texts_beside(lines)
+    width_in = panel_in - _SCALE_IN - max(_wide_in(line) for text in texts for line in text.splitlines())
+    step = ceil(len(lines) / 12) if all(map(_is_number, lines)) else 1
+    axes.set_yticks(range(0, len(lines), step), texts[::step])
+    step = ceil(len(columns) * (max(map(_wide_in, map(_label, columns))) + 0.08) / width_in)
+    axes.set_xticks(range(0, len(columns), step), list(map(_label, columns[::step])))
     if not all(map(_is_number, columns)):
         _name_ticks(axes, columns, width_in / len(columns))
     axes.set_xlabel(_wrapped(picture.over[0], width_in, _TITLE_PT))
