@@ -14,7 +14,6 @@ from cordon.study import EventsOf, PlantsOf, Study, StudyFlights
 from cordon.sweep_result import SweepResult
 from gcs.errors import InputError
 from gcs.mission.mission import Mission
-from gcs.signals import one_interrupt
 from gcs.sweep.columns import RUN, TEAM, Row, require_pyarrow
 from gcs.sweep.draws import Sampling, Vary, drawn_values
 from gcs.sweep.plan import counted
@@ -104,8 +103,8 @@ def _fly(flights: StudyFlights, kept: _Kept, jobs: int) -> str:
     """Fly all runs; return why the sweep ended before, if it did."""
     workers = LocalWorkers(jobs)
     try:
-        with one_interrupt() as interrupted, SweepProgress(len(flights)) as progress:
-            fly_missing(flights, kept, workers, lambda row: progress.add(failed="error" in row), interrupted)
+        with SweepProgress(len(flights)) as progress:
+            fly_missing(flights, kept, workers, lambda row: progress.add(failed="error" in row), lambda: False)
     except KeyboardInterrupt:
         return "interrupted"
     except WorkersError as error:

@@ -32,29 +32,6 @@ def as_they_are() -> Iterator[None]:
         signal.pthread_sigmask(signal.SIG_SETMASK, blocked)
 
 
-@contextmanager
-def one_interrupt() -> Iterator[Callable[[], bool]]:
-    """Note the first Ctrl-C in this context, and return whether it came; a second one interrupts.
-
-    Beside the main thread, Ctrl-C is not this context's.
-    """
-    came = threading.Event()
-    if threading.current_thread() is not threading.main_thread():
-        yield came.is_set
-        return
-    before = signal.getsignal(signal.SIGINT)
-
-    def note(_number: int, _frame: object) -> None:
-        came.set()
-        signal.signal(signal.SIGINT, before)
-
-    signal.signal(signal.SIGINT, note)
-    try:
-        yield came.is_set
-    finally:
-        signal.signal(signal.SIGINT, before)
-
-
 def relay(ask: Callable[[], object]) -> None:
     """Call `ask` for each pending and each future signal, on a thread of its own, until the process ends."""
 

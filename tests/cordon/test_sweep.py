@@ -189,6 +189,15 @@ def test_a_run_that_fails_is_a_row_with_its_error() -> None:
     with pytest.warns(UserWarning, match="'bad' raised ZeroDivisionError"):
         broken = cordon.sweep("case1", duration_s=1.0, metrics={"bad": lambda _: 1 / 0}, jobs=1)
     assert "closest_approach_m" not in broken.table
+    with pytest.warns(UserWarning, match="1 run failed: KeyError: 'draw.absent'"):
+        half = cordon.sweep(
+            "case1",
+            vary=[{GUST: 0.0}, {GUST: 0.1}],
+            duration_s=1.0,
+            events=lambda draw: [draw.values["draw.absent"]] if draw.values[GUST] else [],
+            jobs=1,
+        )
+    assert [bool(error) for error in half.table["error"]] == [False, True]
 
 
 SCRIPT = """
