@@ -161,14 +161,19 @@ def sweep_figure(picture: Picture) -> "Figure":
 
 
 def _wrapped(text: str, width_in: float, size_pt: float) -> str:
-    """Return a text in lines that are not wider, also broken behind points, hyphens and underscores."""
+    """Return a text in lines that are not wider."""
+    return "\n".join(_lines(text, width_in, size_pt))
+
+
+def _lines(text: str, width_in: float, size_pt: float) -> list[str]:
+    """Return the lines of a text, also broken behind points, hyphens and underscores."""
     most = max(int(width_in * 72.0 / (_CHARACTER_EM * size_pt)), 8)
     lines = [""]
     for word in re.split(r"(?<=[ ._,-])", text):
         if len(lines[-1]) + len(word) > most and lines[-1]:
             lines.append("")
         lines[-1] += word
-    return "\n".join(line.rstrip(" ") for line in lines)
+    return [line.rstrip(" ") for line in lines]
 
 
 def _draw_spreads(axes: "Axes", picture: Picture, metric: Column, panel_in: float) -> None:
@@ -198,10 +203,10 @@ def _draw_spreads(axes: "Axes", picture: Picture, metric: Column, panel_in: floa
 
 def _name_ticks(axes: "Axes", places: Sequence[object], room_in: float) -> None:
     """Write texts below an axis: in lines where they fit into their room, otherwise turned."""
-    wrapped = [_wrapped(str(place), room_in, _TICK_PT) for place in places]
-    fits = all(_wide_in(line) <= room_in for text in wrapped for line in text.splitlines())
+    wrapped = [_lines(str(place), room_in, _TICK_PT) for place in places]
+    fits = all(_wide_in(line) <= room_in for lines in wrapped for line in lines)
     turned: dict[str, Any] = {} if fits else {"rotation": 40, "ha": "right", "rotation_mode": "anchor"}
-    axes.set_xticks(range(len(places)), wrapped if fits else list(map(str, places)), **turned)
+    axes.set_xticks(range(len(places)), list(map("\n".join, wrapped)) if fits else list(map(str, places)), **turned)
 
 
 def _draw_spread(
@@ -234,8 +239,9 @@ def _draw_spread(
     axes.plot(x, quartiles[1], **line)
 
 
-def _texts_beside(places: Sequence[object]) -> list[str]:
-    return [_wrapped(_label(place), _TEXTS_IN, _TICK_PT) for place in places]
+def _texts_beside(places: Sequence[object]) -> list[list[str]]:
+    """Return the lines of each text beside a map."""
+    return [_lines(_label(place), _TEXTS_IN, _TICK_PT) for place in places]
 
 
 def _map_height_in(picture: Picture) -> float:
@@ -243,7 +249,7 @@ def _map_height_in(picture: Picture) -> float:
     places = picture.places(picture.over[1])
     if all(map(_is_number, places)):
         return 0.0
-    return len(places) * max(len(text.splitlines()) for text in _texts_beside(places)) * 1.35 * _TICK_PT / 72.0
+    return len(places) * max(map(len, _texts_beside(places))) * 1.35 * _TICK_PT / 72.0
 
 
 def _draw_map(axes: "Axes", picture: Picture, metric: Column, panel_in: float) -> None:
@@ -262,9 +268,9 @@ def _draw_map(axes: "Axes", picture: Picture, metric: Column, panel_in: float) -
     drawn = axes.imshow(cells, origin="lower", aspect="auto", cmap=_MAP_COLOURS, **limits)
     axes.figure.colorbar(drawn, ax=axes, label="fraction of the runs [%]" if is_share else "median")
     texts = _texts_beside(lines)
-    width_in = panel_in - _SCALE_IN - max(_wide_in(line) for text in texts for line in text.splitlines())
+    width_in = panel_in - _SCALE_IN - max(_wide_in(line) for text in texts for line in text)
     step = ceil(len(lines) / 12) if all(map(_is_number, lines)) else 1
-    axes.set_yticks(range(0, len(lines), step), texts[::step])
+    axes.set_yticks(range(0, len(lines), step), list(map("\n".join, texts[::step])))
     step = ceil(len(columns) * (max(map(_wide_in, map(_label, columns))) + 0.08) / width_in)
     axes.set_xticks(range(0, len(columns), step), list(map(_label, columns[::step])))
     if not all(map(_is_number, columns)):
