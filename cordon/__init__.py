@@ -24,6 +24,8 @@ if TYPE_CHECKING:
     from cordon.simulation import TargetPath as TargetPath
     from cordon.simulation import load as load
     from cordon.simulation import simulate as simulate
+    from cordon.sweep_result import SweepResult as SweepResult
+    from cordon.sweeping import sweep as sweep
     from estimation.plant.model import Plant as Plant
     from estimation.plant.model import PlantAxis as PlantAxis
     from gcs.errors import InputError as InputError
@@ -34,6 +36,8 @@ if TYPE_CHECKING:
     from gcs.flight.simulated_events import MessageLoss as MessageLoss
     from gcs.metrics.result import FlightResult as FlightResult
     from gcs.mission.mission import Mission as Mission
+    from gcs.sweep.draws import Draw as Draw
+    from gcs.sweep.draws import Range as Range
     from sitl.vehicle.plant_step import StepFunction as StepFunction
 
 _HOMES = {
@@ -41,6 +45,7 @@ _HOMES = {
     "AgentConfig": "agents.settings.config",
     "Commanded": "gcs.flight.simulated_events",
     "Disturbance": "gcs.flight.simulated_events",
+    "Draw": "gcs.sweep.draws",
     "Flight": "cordon.flight",
     "FlightResult": "gcs.metrics.result",
     "Identified": "cordon.identification",
@@ -52,8 +57,10 @@ _HOMES = {
     "Plan": "agents.control.plan",
     "Plant": "estimation.plant.model",
     "PlantAxis": "estimation.plant.model",
+    "Range": "gcs.sweep.draws",
     "ReactingTarget": "cordon.simulation",
     "StepFunction": "sitl.vehicle.plant_step",
+    "SweepResult": "cordon.sweep_result",
     "TargetPath": "cordon.simulation",
     "Task": "agents.situation.task",
     "TaskPlanner": "agents.control.plan",
@@ -62,6 +69,7 @@ _HOMES = {
     "load": "cordon.simulation",
     "read": "cordon.reading",
     "simulate": "cordon.simulation",
+    "sweep": "cordon.sweeping",
 }
 """Where each public name is defined."""
 

@@ -158,7 +158,7 @@ def _planned(options: SweepOptions) -> "tuple[SweepPlan, dict[int, str]]":
 def _fly(plan: "SweepPlan", faults: dict[int, str], journal: "SweepJournal", options: SweepOptions) -> None:
     """Fly the runs that the journal does not hold; raises _EndedError, and InputError without workers."""
     from gcs.console.terminal import print_line
-    from gcs.sweep.sweep import SweepProgress, WorkersError, fly_missing
+    from gcs.sweep.sweep import PlannedFlights, SweepProgress, WorkersError, fly_missing
     from gcs.sweep.workers import failure
 
     for index, reason in faults.items():
@@ -178,7 +178,7 @@ def _fly(plan: "SweepPlan", faults: dict[int, str], journal: "SweepJournal", opt
             def finished(row: "Row") -> None:
                 progress.add(failed="error" in row)
 
-            fly_missing(plan, journal, workers, finished, pending)
+            fly_missing(PlannedFlights(plan), journal, workers, finished, pending)
     except KeyboardInterrupt as error:
         raise _EndedError("interrupted") from error
     except WorkersError as error:

@@ -1,4 +1,4 @@
-"""Sweeps: simulated flights over the product of values and seeds, their journal, their table and their figure.
+"""Sweeps: simulated flights over values and seeds, drawn or combined, their journal, their table and their figure.
 
-It may import flight, flightlog, console, metrics and mission; only the command line imports it.
+It may import flight, flightlog, console, metrics and mission; only the command line and `cordon` import it.
 """

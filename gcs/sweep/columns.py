@@ -136,10 +136,10 @@ def require_pyarrow() -> None:
 
 def full_rows(plan: SweepPlan, rows: Mapping[int, Row]) -> list[Row]:
     """Return the finished runs in the order of the plan, each with its varied values and its seed."""
-    kinds = {each.place: _kind(each.values) for each in plan.variations}
+    kinds = {each.place: kind_of(each.values) for each in plan.variations}
     return [
         {
-            **{place: _shown(value, kinds[place]) for place, value in run.values.items()},
+            **{place: shown(value, kinds[place]) for place, value in run.values.items()},
             "seed": run.seed,
             **rows[run.index],
         }
@@ -150,7 +150,7 @@ def full_rows(plan: SweepPlan, rows: Mapping[int, Row]) -> list[Row]:
 
 def table_columns(plan: SweepPlan, rows: Sequence[Row]) -> tuple[Column, ...]:
     """Return the columns of a sweep's table: first the varied keys, by their paths in the mission."""
-    varied = [Column(each.place, _kind(each.values), "varied value") for each in plan.variations]
+    varied = [Column(each.place, kind_of(each.values), "varied value") for each in plan.variations]
     return (*varied, *columns(rows))
 
 
@@ -168,7 +168,7 @@ def table_bytes(plan: SweepPlan, rows: Mapping[int, Row]) -> bytes:
     return content.getvalue()
 
 
-def _kind(values: Sequence[Any]) -> type[Scalar]:
+def kind_of(values: Sequence[Any]) -> type[Scalar]:
     """Return the type of a varied key's column: that of its values; float for mixed numbers; otherwise text."""
     kinds = {type(value) for value in values}
     if kinds == {int, float}:
@@ -176,7 +176,7 @@ def _kind(values: Sequence[Any]) -> type[Scalar]:
     return kinds.pop() if len(kinds) == 1 and kinds <= {bool, int, float, str} else str
 
 
-def _shown(value: Any, kind: type[Scalar]) -> Scalar:
+def shown(value: Any, kind: type[Scalar]) -> Scalar:
     """Return a varied value converted to its column's type: arrays, tables and mixed values as JSON."""
     return value if isinstance(value, kind) else kind(value) if kind is float else json.dumps(value)
 

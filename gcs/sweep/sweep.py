@@ -1,19 +1,19 @@
-"""Flies a sweep: submits its runs to workers, and writes each row to the journal."""
+"""Flies a sweep: submits its runs to workers, and keeps the row of each."""
 
 from collections import Counter, deque
 from collections.abc import Callable
 from concurrent.futures import FIRST_COMPLETED, CancelledError, Future, wait
+from functools import partial
 from time import monotonic
 from types import TracebackType
-from typing import Self
+from typing import Protocol, Self
 
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
 from gcs.console.terminal import STDERR, print_line
 from gcs.sweep.columns import Row
-from gcs.sweep.folder import SweepJournal
-from gcs.sweep.plan import SweepPlan, SweepRun, Tasks
-from gcs.sweep.workers import UnlikeWorkerError, Workers, failure
+from gcs.sweep.plan import SweepPlan, Tasks
+from gcs.sweep.workers import Task, UnlikeWorkerError, Workers, failure, flown
 
 LINE_EVERY_S = 10.0
 
@@ -70,9 +70,39 @@ class WorkersError(Exception):
     """The workers cannot continue."""
 
 
+class Flights(Protocol):
+    """The runs of a sweep, as tasks for workers by their indexes."""
+
+    def __len__(self) -> int: ...
+
+    def __getitem__(self, index: int) -> Task: ...
+
+
+class PlannedFlights:
+    """The runs of a plan."""
+
+    def __init__(self, plan: SweepPlan) -> None:
+        self._runs, self._tasks = plan.runs, Tasks(plan)
+
+    def __len__(self) -> int:
+        return len(self._runs)
+
+    def __getitem__(self, index: int) -> Task:
+        return partial(flown, self._tasks.of(self._runs[index]))
+
+
+class FinishedRuns(Protocol):
+    """The rows of finished runs by their indexes."""
+
+    rows: dict[int, Row]
+
+    def append(self, run: int, row: Row) -> None:
+        """Append a finished run; raises OSError if it cannot be written."""
+
+
 def fly_missing(
-    plan: SweepPlan,
-    journal: SweepJournal,
+    flights: Flights,
+    journal: FinishedRuns,
     workers: Workers,
     finished: Callable[[Row], None],
     interrupted: Callable[[], bool],
@@ -82,29 +112,28 @@ def fly_missing(
     Raises KeyboardInterrupt when `interrupted`, WorkersError if the workers cannot continue, and OSError if the journal
     cannot be written. The journal then holds all finished runs; a second call continues from there.
     """
-    waiting = deque(run for run in plan.runs if run.index not in journal.rows)
-    tasks = Tasks(plan)
-    flying: dict[Future[Row], SweepRun] = {}
+    waiting = deque(index for index in range(len(flights)) if index not in journal.rows)
+    flying: dict[Future[Row], int] = {}
     deaths: Counter[int] = Counter()
     rows: list[tuple[int, Row]] = []
     while waiting or flying or rows:
         while waiting and len(flying) < workers.at_once:
-            run = waiting.popleft()
-            flying[workers.submit(tasks.of(run))] = run
-        for index, row in rows:  # written while the workers fly the next ones
-            journal.append(index, row)
+            index = waiting.popleft()
+            flying[workers.submit(flights[index])] = index
+        for done, row in rows:  # written while the workers fly the next ones
+            journal.append(done, row)
             finished(row)
         if interrupted():
             raise KeyboardInterrupt
         rows = []
         for future in wait(flying, _POLL_S, FIRST_COMPLETED).done:
-            run = flying.pop(future)
-            flown = _row(future, workers)
-            deaths[run.index] += flown is None
-            if flown is None and deaths[run.index] < TRIES:
-                waiting.appendleft(run)
+            index = flying.pop(future)
+            row_of_run = _row(future, workers)
+            deaths[index] += row_of_run is None
+            if row_of_run is None and deaths[index] < TRIES:
+                waiting.appendleft(index)
             else:
-                rows.append((run.index, flown or failure(f"its worker process died {TRIES} times")))
+                rows.append((index, row_of_run or failure(f"its worker process died {TRIES} times")))
 
 
 def _row(future: "Future[Row]", workers: Workers) -> Row | None:

@@ -3,13 +3,17 @@
 import gc
 import os
 import signal
+import sys
+from collections.abc import Callable, Iterator
 from concurrent.futures import Future, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
+from contextlib import contextmanager
 from functools import cache
 from multiprocessing import active_children, get_context
 from multiprocessing.connection import Connection
 from multiprocessing.context import ForkServerProcess
 from threading import Thread
+from types import ModuleType
 from typing import Any, Protocol
 
 from gcs.errors import InputError
@@ -21,6 +25,9 @@ from gcs.signals import ENDING, as_they_are
 from gcs.sweep.columns import Row, result_row
 from gcs.sweep.forkserver import start_forkserver
 from gcs.sweep.plan import SweepTask
+
+Task = Callable[[], Row]
+"""What a worker does for one run: it is sent there, and returns the run's row."""
 
 
 class UnlikeWorkerError(Exception):
@@ -91,9 +98,9 @@ class ClusterWorkers:
         """The present number of workers."""
         return len(self._client.scheduler_info(n_workers=-1)["workers"])
 
-    def submit(self, task: SweepTask) -> "Future[Row]":
+    def submit(self, task: Task) -> "Future[Row]":
         """Submit a run to the scheduler."""
-        return self._executor.submit(flown, task)  # type: ignore[no-any-return]  # distributed has no types
+        return self._executor.submit(task)  # type: ignore[no-any-return]  # distributed has no types
 
     def close(self) -> None:
         """Cancel pending runs and disconnect; the cluster keeps running."""
@@ -125,7 +132,7 @@ class Workers(Protocol):
     def losses(self) -> tuple[type[Exception], ...]:
         """The errors of a future whose worker died."""
 
-    def submit(self, task: SweepTask) -> "Future[Row]":
+    def submit(self, task: Task) -> "Future[Row]":
         """Submit a run."""
 
     def close(self) -> None:
@@ -140,20 +147,21 @@ class LocalWorkers:
     def __init__(self, count: int) -> None:
         start_forkserver()
         self.at_once = count
+        self._others = {*active_children()}
         self._context = get_context("forkserver")
         self._workers_end, self._own_end = self._context.Pipe(duplex=False)
         self._pools = [self._pool() for _ in range(count)]
         self._futures: list[Future[Row] | None] = [None] * count
 
-    def submit(self, task: SweepTask) -> "Future[Row]":
+    def submit(self, task: Task) -> "Future[Row]":
         """Submit a run to an idle process: at most `at_once` may be pending."""
         free = next(index for index, future in enumerate(self._futures) if future is None or future.done())
-        with as_they_are():
+        with as_they_are(), _without_main():
             try:
-                future = self._pools[free].submit(flown, task)
+                future = self._pools[free].submit(task)
             except BrokenProcessPool:
                 self._pools[free] = self._pool()
-                future = self._pools[free].submit(flown, task)
+                future = self._pools[free].submit(task)
         self._futures[free] = future
         return future
 
@@ -161,7 +169,9 @@ class LocalWorkers:
         """End all processes."""
         self._own_end.close()
         for child in active_children():
-            if isinstance(child, ForkServerProcess):  # one that hangs or is stopped does not end by itself
+            if (
+                isinstance(child, ForkServerProcess) and child not in self._others
+            ):  # one that hangs or is stopped does not end by itself
                 child.kill()
         for pool in self._pools:
             pool.shutdown()
@@ -169,6 +179,17 @@ class LocalWorkers:
 
     def _pool(self) -> ProcessPoolExecutor:
         return ProcessPoolExecutor(1, self._context, _begin, (self._workers_end,))
+
+
+@contextmanager
+def _without_main() -> Iterator[None]:
+    """Start processes that do not run the program's main module again: a script needs no guard against that."""
+    main = sys.modules["__main__"]
+    sys.modules["__main__"] = ModuleType("__main__")
+    try:
+        yield
+    finally:
+        sys.modules["__main__"] = main
 
 
 def _begin(parent: Connection) -> None:

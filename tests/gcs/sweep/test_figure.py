@@ -1,12 +1,15 @@
 """What the figure of a sweep shows, and the worst cases, of rows that are written here."""
 
+from collections.abc import Sequence
+from itertools import combinations
 from pathlib import Path
 
 import numpy as np
 import pytest
+from matplotlib.text import Text
 
 from gcs.sweep.columns import TEAM, Column, Row, full_rows
-from gcs.sweep.figure import Picture, save_sweep_figure
+from gcs.sweep.figure import Picture, save_sweep_figure, sweep_figure
 from gcs.sweep.plan import SweepPlan
 from gcs.sweep.summary import SweepSummary, worst_cases
 from gcs.sweep.variation import Variation
@@ -93,6 +96,73 @@ def test_figures_are_drawn_over_one_key_over_two_and_over_the_seed(
         save_sweep_figure(Picture("title", METRICS, over, full_rows(plan, rows)), path)
         drawn.add(path.read_bytes())
     assert len(drawn) == 4, "the same sweep is the same picture"
+
+
+LONG = "draw.a_rather_long_parameter_of_a_study_m_s2"
+LONG_METRIC = Column("a_metric_with_a_name_that_is_so_long_that_it_needs_two_lines_in_every_panel_m_s", float, "")
+MANY = (Column("holds", bool, ""), METRICS[1], LONG_METRIC, METRICS[2])
+
+
+def drawn_rows() -> list[Row]:
+    """Return the rows of 400 runs with values drawn from ranges."""
+    random = np.random.default_rng(0)
+    return [
+        {
+            RADIUS: float(random.uniform(8.0, 14.0)),
+            LONG: float(random.uniform(0.0, 0.3)),
+            "planner": f"a planner with a long name, number {index % 2}",
+            "mission": f"a-mission-with-a-long-name-{index % 7}",
+            "holds": bool(random.random() > 0.2),
+            **{each.name: float(1e4 * random.random()) for each in MANY[1:]},
+        }
+        for index in range(400)
+    ]
+
+
+def test_drawn_values_are_taken_together_in_parts_of_the_same_size() -> None:
+    rows = drawn_rows()
+    picture = Picture("", MANY, (RADIUS,), rows).together()
+    places = [float(place) for place in picture.places(RADIUS)]
+    groups = [picture.groups(MANY[1])[place,] for place in places]
+    assert 4 <= len(places) <= 12
+    assert max(map(len, groups)) - min(map(len, groups)) <= 1
+    in_order = [float(row[MANY[1].name]) for row in sorted(rows, key=lambda row: float(row[RADIUS]))]
+    assert [sorted(group) for group in groups] == [
+        sorted(part) for part in np.split(np.array(in_order), np.cumsum([len(group) for group in groups])[:-1])
+    ]
+    few = Picture("", MANY, (RADIUS,), [row | {RADIUS: float(index % 8)} for index, row in enumerate(rows)])
+    assert few.together().rows == few.rows, "values that were given stay as they are"
+
+
+@pytest.mark.parametrize(
+    ("over", "apart"),
+    [((RADIUS,), ("planner",)), ((LONG, RADIUS), ()), (("mission",), ()), (("planner", "mission"), ())],
+)
+@pytest.mark.parametrize("metrics", [MANY, (LONG_METRIC,)])
+def test_no_text_is_cut_and_no_numbers_overlap(
+    over: tuple[str, ...], apart: tuple[str, ...], metrics: tuple[Column, ...]
+) -> None:
+    title = "a-mission-with-a-long-name, " * 5 + "400 runs: 210 pass, 100 fail (C1 20, C2 40, C3 100), 90 not judged"
+    figure = sweep_figure(Picture(title, metrics, over, drawn_rows(), apart))
+    figure.canvas.draw()
+    used, (width_in, height_in) = figure.get_tightbbox(), figure.get_size_inches()
+    assert min(used.x0, used.y0) >= -0.01
+    assert used.x1 <= width_in + 0.01
+    assert used.y1 <= height_in + 0.01
+    for axes in figure.axes:
+        for axis in (axes.xaxis, axes.yaxis):
+            low, high = sorted(axis.get_view_interval())
+            ticks = [tick for tick in axis.get_major_ticks() if low <= tick.get_loc() <= high]
+            labels = [label for tick in ticks for label in (tick.label1, tick.label2)]
+            require_apart(
+                [each for each in labels if each.get_text() and each.get_visible() and not each.get_rotation()]
+            )
+        require_apart(axes.texts)
+
+
+def require_apart(texts: Sequence[Text]) -> None:
+    for one, other in combinations(texts, 2):
+        assert not one.get_window_extent().overlaps(other.get_window_extent()), (one, other)
 
 
 def test_the_worst_cases_come_with_what_flies_them(plan: SweepPlan, rows: dict[int, Row]) -> None:

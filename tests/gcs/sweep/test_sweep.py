@@ -3,6 +3,7 @@
 from collections import Counter
 from collections.abc import Callable
 from concurrent.futures import CancelledError, Future
+from functools import partial
 from pathlib import Path
 
 import pytest
@@ -10,8 +11,8 @@ import pytest
 from gcs.sweep.columns import Row
 from gcs.sweep.folder import SweepJournal
 from gcs.sweep.plan import SweepPlan, SweepTask, Tasks, planned
-from gcs.sweep.sweep import TRIES, WorkersError, fly_missing
-from gcs.sweep.workers import UnlikeWorkerError, flown
+from gcs.sweep.sweep import TRIES, PlannedFlights, WorkersError, fly_missing
+from gcs.sweep.workers import Task, UnlikeWorkerError, flown
 
 
 class DeathError(Exception):
@@ -28,11 +29,13 @@ class FakeWorkers:
         self.tries: Counter[int] = Counter()
         self._outcome = outcome
 
-    def submit(self, task: SweepTask) -> "Future[Row]":
-        self.tries[task.seed] += 1
+    def submit(self, task: Task) -> "Future[Row]":
+        assert isinstance(task, partial)
+        seed = task.args[0].seed
+        self.tries[seed] += 1
         future: Future[Row] = Future()
         try:
-            future.set_result(self._outcome(task.seed, self.tries[task.seed]))
+            future.set_result(self._outcome(seed, self.tries[seed]))
         except Exception as error:
             future.set_exception(error)
         return future
@@ -51,7 +54,7 @@ def fly(
 ) -> list[Row]:
     finished: list[Row] = []
     with SweepJournal(folder / "runs.jsonl") as journal:
-        fly_missing(plan, journal, workers, finished.append, interrupted)
+        fly_missing(PlannedFlights(plan), journal, workers, finished.append, interrupted)
     return finished
 
 
