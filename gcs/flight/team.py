@@ -163,7 +163,7 @@ class FlightTeam:
             self.view.print_line(f"vehicle {vehicle.id}: {text}")
 
         parts = AgentParts(
-            core=self.recording.core(config),
+            core=self.recording.core(config, None if self.plan.planner is None else self.plan.planner.factory),
             config=config,
             link=link,
             bus=bus,
