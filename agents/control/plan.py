@@ -46,8 +46,8 @@ class Plan(msgspec.Struct, frozen=True):
 
     The aim is the input of the plant. The last stage makes it the setpoint: the same position, unless a velocity is fed
     forward with it. `velocity_m_s` is the velocity to feed forward; with None it follows from the aim. `ring` is None
-    except in the tactic encircle. `values` are finite numbers of a planner of one's own, by short names, for the log, the
-    channels and the report; all plans of a vehicle that have values have those of the same names.
+    except in the tactic encircle. `values` are finite numbers of a planner of one's own, by short names, for the
+    log, the channels and the report; all plans of a vehicle that have values have those of the same names.
     """
 
     aim_m: Vector

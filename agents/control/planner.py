@@ -243,7 +243,7 @@ class PluggedPlanner(Planner):
         names = frozenset(plan.values)
         if self._names is None:
             for name in plan.values:
-                if not isinstance(name, str) or not _VALUE_NAME.fullmatch(name):
+                if not _VALUE_NAME.fullmatch(str(name)):
                     raise PlannerError(f"{place}: values: {name!r}: a name has up to 32 letters, digits and _")
             self._names = names
         if names != self._names:
