@@ -30,7 +30,7 @@ class VehicleChannels:
     - `target_position_estimate_m`, `target_velocity_estimate_m_s` (T, 2): its estimate of the target.
     - `setpoint_m`, `setpoint_velocity_m_s` (T, 3): the setpoint sent; the velocity is 0 if only a position was sent.
     - `tick_us` (T,): the computing time of the tick.
-    - `values`: those of a planner of one's own (`cordon.Plan.values`) by name, each (T,).
+    - `values`: those of a user's planner (`cordon.Plan.values`) by name, each (T,).
     """
 
     vehicle_id: int

@@ -46,7 +46,7 @@ class Plan(msgspec.Struct, frozen=True):
 
     The aim is the input of the plant. The last stage makes it the setpoint: the same position, unless a velocity is fed
     forward with it. `velocity_m_s` is the velocity to feed forward; with None it follows from the aim. `ring` is None
-    except in the tactic encircle. `values` are finite numbers of a planner of one's own, by short names, for the
+    except in the tactic encircle. `values` are finite numbers of a user's planner, by short names, for the
     log, the channels and the report; all plans of a vehicle that have values have those of the same names.
     """
 
@@ -60,7 +60,7 @@ class Plan(msgspec.Struct, frozen=True):
 
 
 class PlannerError(Exception):
-    """A planner of one's own raised an exception, or returned what is no plan; the text names vehicle and time."""
+    """A user's planner raised an exception, or returned what is no plan; the text names vehicle and time."""
 
 
 class TaskPlanner(Protocol):

@@ -184,7 +184,7 @@ class Decision(msgspec.Struct, frozen=True):
     `turning_rad_s` is the estimated rate at which the vehicle circles, 0 off the ring.
     `drops` are the messages dropped so far by reason, `messages_dropped` their number.
     `outlook` is None while nothing is due. `ring` is the number of the ring that the vehicle is on or flies to, of
-    whose target `target` and `polar` are; 0 in missions of one ring. `values` are those of a planner's own.
+    whose target `target` and `polar` are; 0 in missions of one ring. `values` are those of a user's planner.
     """
 
     time_s: float

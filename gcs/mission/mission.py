@@ -145,7 +145,7 @@ class MissionSection(Settings):
         CORDONS_PLANNER,
         min_length=1,
         max_length=200,
-        description="a planner of one's own, `module:Class` or the name of an entry point (docs/planners.md)",
+        description="a user's planner, `module:Class` or the name of an entry point (docs/planners.md)",
     )
     format: Literal[2] = Field(2, description="version of the keys")
 

@@ -1,4 +1,4 @@
-"""A planner of one's own: from its name in a mission, where the user allows its code, to what makes it.
+"""A user's planner: from its name in a mission, where the user allows its code, to what makes it.
 
 The name is `module:Class`, or that of an entry point of the group `cordon.planners`. A mission may come from elsewhere:
 nothing that it names is imported unless the user says so.

@@ -1,4 +1,4 @@
-"""Planners of one's own: what loads them, what a log holds of them, and their replay."""
+"""Users' planners: what loads them, what a log holds of them, and their replay."""
 
 import sys
 from collections.abc import Callable, Iterator
