@@ -149,6 +149,14 @@ def test_a_plan_may_hold_tuples() -> None:
     assert np.isfinite(flown.vehicles[1].setpoint_m[-1]).all()
 
 
+def test_values_are_kept_where_the_slew_limit_or_the_guard_moves_the_aim() -> None:
+    """All are sent to one place at once, far from where they are."""
+    flown = cordon.simulate("case1", duration_s=6.0, planner=lambda _: Planning(at_rest(values={"a": 1.0})))  # type: ignore[arg-type,return-value]
+    assert flown.record.guard.interventions > 0
+    for channels in flown.vehicles.values():
+        np.testing.assert_array_equal(channels.values["a"][10:], 1.0)
+
+
 def test_what_makes_no_planner_is_named(subtests: pytest.Subtests) -> None:
     for given, fact in ((Planning(fails), "instance"), (int, "no method plan"), ("x:Y", "give a class")):
         with subtests.test(fact), pytest.raises(cordon.InputError, match=fact):
