@@ -187,6 +187,7 @@ class PluggedPlanner(Planner):
         self._vehicle_id = config.vehicle_id
         self._gaps = config.gaps
         self._took_over = False
+        self._start_s = 0.0
         self._names: frozenset[str] | None = None
         try:
             self._plugged = factory(config)
@@ -199,6 +200,11 @@ class PluggedPlanner(Planner):
         """See Planner."""
         super().begin(tactic, to_home=to_home)
         self._took_over = False
+
+    def start(self, at_s: float) -> None:
+        """See Planner."""
+        super().start(at_s)
+        self._start_s = at_s
 
     def plan(self, task: Task) -> Plan:
         """Return the plug-in planner's plan, else cordon's; raises PlannerError if it fails or its plan is unusable."""
@@ -219,7 +225,7 @@ class PluggedPlanner(Planner):
 
     def _asked(self, task: Task) -> Plan | None:
         """Return the plug-in planner's plan with arrays of floats, None without one; raises PlannerError."""
-        place = f"vehicle {self._vehicle_id}, {task.situation.now_s:.1f} s"
+        place = f"vehicle {self._vehicle_id}, {task.situation.now_s - self._start_s:.1f} s"
         try:
             plan = self._plugged.plan(task)
         except Exception as error:
