@@ -33,7 +33,9 @@ def examples(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
 def test_cyclic_pursuit_meets_c1_to_c3_on_perturbed_plants() -> None:
     axis = cordon.PlantAxis
     plants = {1: cordon.Plant(axis(0.95, 0.8), axis(0.7, 1.0)), 3: cordon.Plant(axis(0.7, 0.95), axis(0.9, 0.8), 0.05)}
-    flight = cordon.simulate("case2", duration_s=150.0, plants=plants, planner=pursuit())
+    flight = cordon.simulate(
+        cordon.load("case2", {"target.start_m": [14.0, -5.0]}), duration_s=150.0, plants=plants, planner=pursuit()
+    )
     verdicts = flight.metrics.verdicts
     assert (verdicts.c1, verdicts.c2, verdicts.c3, verdicts.separation) == (True, True, True, True)
     for channels in flight.vehicles.values():
