@@ -2,6 +2,7 @@
 
 from typing import Protocol
 
+from agents.control.plan import PlannerFactory
 from agents.core import VehicleCore
 from agents.drops import NO_DROPS
 from agents.inputs import Bus, Computer, CoreInput, LateTicks, ReceivedInput, Tick
@@ -22,8 +23,8 @@ class InputRecorder(Protocol):
 class RecordedCore(VehicleCore):
     """A core whose every input and output is written to a recorder. An input that lasts is written when it changes."""
 
-    def __init__(self, config: AgentConfig, recorder: InputRecorder) -> None:
-        super().__init__(config)
+    def __init__(self, config: AgentConfig, recorder: InputRecorder, planner: PlannerFactory | None = None) -> None:
+        super().__init__(config, planner)
         self._write = recorder.write
         self._lasting: dict[type, ReceivedInput] = {type(each): each for each in _AT_FIRST}
 

@@ -30,6 +30,7 @@ class VehicleChannels:
     - `target_position_estimate_m`, `target_velocity_estimate_m_s` (T, 2): its estimate of the target.
     - `setpoint_m`, `setpoint_velocity_m_s` (T, 3): the setpoint sent; the velocity is 0 if only a position was sent.
     - `tick_us` (T,): the computing time of the tick.
+    - `values`: those of a user's planner (`cordon.Plan.values`) by name, each (T,).
     """
 
     vehicle_id: int
@@ -48,13 +49,16 @@ class VehicleChannels:
     setpoint_m: Vector
     setpoint_velocity_m_s: Vector
     tick_us: Vector
+    values: Mapping[str, Vector]
 
     def columns(self) -> dict[str, Vector]:
         """Return every channel as columns (T,): `position_m` is `position_x_m` and `position_y_m`."""
         found: dict[str, Vector] = {}
         for name in (each.name for each in fields(self)[1:]):
             values = getattr(self, name)
-            if values.ndim == 1:
+            if name == "values":
+                found |= {f"values.{each}": column for each, column in values.items()}
+            elif values.ndim == 1:
                 found[name] = values
             else:
                 found |= {

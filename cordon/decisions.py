@@ -1,6 +1,7 @@
 """One vehicle's estimates and setpoints in each tick, on the time grid of a flight's record."""
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, field, fields
+from typing import Any
 
 import numpy as np
 
@@ -20,6 +21,7 @@ class Decisions:
     setpoint_m: Vector
     setpoint_velocity_m_s: Vector
     tick_us: Vector
+    values: dict[str, Vector] = field(default_factory=dict)
 
     @classmethod
     def unknown(cls, samples: int) -> "Decisions":
@@ -39,8 +41,11 @@ class Decisions:
         if setpoint is not None:
             self.setpoint_m[tick] = setpoint.position_m
             self.setpoint_velocity_m_s[tick] = setpoint.velocity_m_s or 0.0
+        if output.status.plan is not None:
+            for name, value in output.status.plan.values.items():
+                self.values.setdefault(name, np.full(self.tick_us.size, np.nan))[tick] = value
 
-    def arrays(self) -> dict[str, Vector]:
+    def arrays(self) -> dict[str, Any]:
         """Return the arrays by their names."""
         return {each.name: getattr(self, each.name) for each in fields(self)}
 
@@ -57,6 +62,8 @@ def logged_decisions(evidence: VehicleEvidence, grid_s: Vector) -> Decisions:
     beside_m_s = _nearest(loop.time_s, loop.velocity_m_s, grid_s)
     decisions.setpoint_velocity_m_s[:] = np.where(np.isnan(sent_m), np.nan, beside_m_s)
     decisions.tick_us[:] = _nearest(loop.time_s, loop.tick_us[:, None], grid_s)[:, 0]
+    for name, values in loop.values.items():
+        decisions.values[name] = _nearest(loop.time_s, values[:, None], grid_s)[:, 0]
     return decisions
 
 

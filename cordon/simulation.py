@@ -35,6 +35,7 @@ from gcs.flight.simulated import fly_simulated
 from gcs.flight.simulated_events import Links, SimulatedEvents, SimulationEvent
 from gcs.mission.file import load_mission
 from gcs.mission.mission import PARTS_MAX, TARGET_SPEED_MAX_M_S, Mission
+from gcs.mission.planner import ChosenPlanner, given_planner, planner_of
 from sitl.reacting_target import Reaction
 from sitl.vehicle.plant_step import Motion, Pair, StepFunction
 
@@ -234,8 +235,9 @@ def simulate(
 
     - `mission`: a mission from `cordon.load`, or an argument of it.
     - `seed`, `duration_s` [s]: replace the mission's.
-    - `log`: record the flight to this file (MCAP), which must not exist yet; not with a `planner`.
-    - `planner`: creates the planner of each vehicle from its configuration, see `cordon.TaskPlanner`.
+    - `log`: record the flight to this file (MCAP), which must not exist yet.
+    - `planner`: creates the planner of each vehicle from its configuration, see `cordon.TaskPlanner`; in place of the
+      mission's, which is flown only if the environment variable CORDON_ALLOW_PLUGINS is 1.
     - `plants`: the true plants of vehicles, by id: a `Plant`, or a step function, see `cordon.StepFunction`. The
       controllers still use the plants of the profiles.
     - `target`: a `cordon.TargetPath` or a `cordon.ReactingTarget`.
@@ -244,7 +246,7 @@ def simulate(
     - `links`: the radio links, a `cordon.Link` for each pair of vehicles that has one; None: all within
       `network.range_m`.
 
-    Raises InputError with every fault; exceptions of planners end the flight.
+    Raises InputError with every fault, also for a planner that fails in flight.
     """
     mission = mission if isinstance(mission, Mission) else load(mission)
     flown_s, drawn = _flyable(
@@ -252,8 +254,8 @@ def simulate(
         mission.mission.seed if seed is None else seed,
         log,
         target,
-        planner,
     )
+    chosen = planner_of(mission, allowed=False) if planner is None else given_planner(planner)
     reaction = None
     if isinstance(target, ReactingTarget):
         mission, reaction = with_reacting_target(mission, target)
@@ -263,7 +265,7 @@ def simulate(
     happens = SimulatedEvents(mission, events, links, flown_s)
     if log is not None and (back := [each for each in happens.absences if each.from_s > 0.0 and each.to_s < flown_s]):
         raise InputError([f"log: vehicle {back[0].vehicle_id} comes back, and a log holds one agent of each vehicle"])
-    recording = None if log is None else _recording(mission, Path(log), drawn, flown_s)
+    recording = None if log is None else _recording(mission, Path(log), drawn, flown_s, chosen)
     samples = round(flown_s * mission.mission.rate_hz) + 1
     decisions = {vehicle_id: Decisions.unknown(samples) for vehicle_id in mission.ids}
 
@@ -276,7 +278,7 @@ def simulate(
         flown_s,
         lambda _: None,
         recording,
-        planner,
+        None if chosen is None else chosen.factory,
         steps=steps,
         reaction=reaction,
         events=happens,
@@ -287,9 +289,7 @@ def simulate(
     return Flight(mission, record, channels_of(record, decisions))
 
 
-def _flyable(
-    duration_s: object, seed: object, log: object, target: object, planner: PlannerFactory | None
-) -> tuple[float, int]:
+def _flyable(duration_s: object, seed: object, log: object, target: object) -> tuple[float, int]:
     """Return duration [s] and seed as numbers; raises InputError with the faults of these arguments."""
     faults = []
     flown_s = float(duration_s) if isinstance(duration_s, Real) else nan
@@ -301,8 +301,6 @@ def _flyable(
         faults.append(f"seed: it must be a whole number, not negative (given: {seed!r})")
     if not (log is None or isinstance(log, str | Path)):
         faults.append(f"log: it must be a path (given: {log!r})")
-    if log is not None and planner is not None:
-        faults.append("log: a flight with a custom planner cannot be recorded: leave log or planner out")
     reacts = target.position if isinstance(target, ReactingTarget) else target
     if not (reacts is None or callable(reacts)):
         faults.append(f"target: it must be a function of the time, or a cordon.ReactingTarget (given: {reacts!r})")
@@ -311,7 +309,9 @@ def _flyable(
     return flown_s, drawn
 
 
-def _recording(mission: Mission, log: Path, seed: int, duration_s: float) -> "SimulationRecording":
+def _recording(
+    mission: Mission, log: Path, seed: int, duration_s: float, planner: ChosenPlanner | None
+) -> "SimulationRecording":
     from gcs.flight.recording import simulation_recording  # noqa: PLC0415 - what writes logs is slow to import
 
-    return simulation_recording(mission, log, seed, duration_s, "log")
+    return simulation_recording(mission, log, seed, duration_s, "log", planner)

@@ -14,7 +14,7 @@ def shifted(plan: Plan, aim_m: Vector) -> Plan:
     if aim_m is plan.aim_m:
         return plan
     undisturbed = plan.undisturbed_aim_m + (aim_m - plan.aim_m)
-    return Plan(aim_m, undisturbed, plan.aim_rate_m_s, plan.qp, plan.velocity_m_s, plan.ring)
+    return Plan(aim_m, undisturbed, plan.aim_rate_m_s, plan.qp, plan.velocity_m_s, plan.ring, plan.values)
 
 
 def towards(goal_m: Vector, position_m: Vector, at_most_m: float) -> Vector:

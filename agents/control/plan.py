@@ -1,7 +1,8 @@
 """The plan of one tick: the aim of a tactic, and the state of its ring."""
 
-from collections.abc import Callable
-from typing import Protocol
+from collections.abc import Callable, Mapping
+from types import MappingProxyType
+from typing import Final, Protocol
 
 import msgspec
 
@@ -37,12 +38,16 @@ class RingReport(msgspec.Struct, frozen=True):
     reference: RingPoint | None = None
 
 
+NO_VALUES: Final[Mapping[str, float]] = MappingProxyType({})
+
+
 class Plan(msgspec.Struct, frozen=True):
     """The result of the planner: the aim (2,), the undisturbed aim (2,), its rate (2,), and how it was found.
 
     The aim is the input of the plant. The last stage makes it the setpoint: the same position, unless a velocity is fed
     forward with it. `velocity_m_s` is the velocity to feed forward; with None it follows from the aim. `ring` is None
-    except in the tactic encircle.
+    except in the tactic encircle. `values` are finite numbers of a user's planner, by short names, for the
+    log, the channels and the report; all plans of a vehicle that have values have those of the same names.
     """
 
     aim_m: Vector
@@ -51,6 +56,11 @@ class Plan(msgspec.Struct, frozen=True):
     qp: QpStatus | None = None
     velocity_m_s: Pair | None = None
     ring: RingReport | None = None
+    values: Mapping[str, float] = NO_VALUES
+
+
+class PlannerError(Exception):
+    """A user's planner raised an exception, or returned what is no plan; the text names vehicle and time."""
 
 
 class TaskPlanner(Protocol):
@@ -61,8 +71,8 @@ class TaskPlanner(Protocol):
 
         `task.situation` holds the estimates in metres of the mission frame, `task.peers` the newest states of the
         others. For a plan on the ring without `ring`, the mission's ring is reported, and the vehicle as a member of
-        it. An exception, or a plan with a number that is not finite, ends the flight: a simulation raises the
-        exception, an agent lands the vehicle. A planner without a solution returns None.
+        it. An exception, or a plan with a number that is not finite, ends the flight: a simulation raises an
+        InputError, an agent lands the vehicle. A planner without a solution returns None.
         """
 
 

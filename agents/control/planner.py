@@ -2,12 +2,14 @@
 
 from collections.abc import Callable
 from math import cos, isfinite, sin
+from re import compile as pattern
+from typing import Final
 
 import numpy as np
 
 from agents.control.aims import mixed, resting
 from agents.control.excitation import Exciter
-from agents.control.plan import Plan, PlannerFactory, RingReport, TaskPlanner
+from agents.control.plan import NO_VALUES, Plan, PlannerError, PlannerFactory, RingReport
 from agents.control.return_and_land import Homing
 from agents.control.ring_flight import RingFlight
 from agents.control.station_keeping import StationKeeping
@@ -23,9 +25,11 @@ from agents.team.ring_members import FULL_RING
 from agents.team.team import Team
 from estimation.polar import polar_from_motion
 from estimation.state import POSITION, Vector
+from estimation.vectors import Pair
 
 _PLANNED = (Tactic.FORMATION, Tactic.ENCIRCLE)
 """The tactics that a plug-in planner plans."""
+_VALUE_NAME: Final = pattern(r"[A-Za-z][A-Za-z0-9_]{0,31}")
 
 
 class Planner:
@@ -178,46 +182,88 @@ class Planner:
 class PluggedPlanner(Planner):
     """Cordon's planner with a plug-in planner in front of it."""
 
-    def __init__(self, config: AgentConfig, team: Team, plugged: TaskPlanner) -> None:
+    def __init__(self, config: AgentConfig, team: Team, factory: PlannerFactory) -> None:
         super().__init__(config, team)
         self._vehicle_id = config.vehicle_id
         self._gaps = config.gaps
-        self._plugged = plugged
         self._took_over = False
+        self._start_s = 0.0
+        self._names: frozenset[str] | None = None
+        try:
+            self._plugged = factory(config)
+        except Exception as error:
+            raise PlannerError(f"vehicle {self._vehicle_id}: {_named(error)}, as its planner is made") from error
+        if not callable(getattr(self._plugged, "plan", None)):
+            raise PlannerError(f"vehicle {self._vehicle_id}: its planner has no method plan (task): {self._plugged!r}")
 
     def begin(self, tactic: Tactic, *, to_home: bool) -> None:
         """See Planner."""
         super().begin(tactic, to_home=to_home)
         self._took_over = False
 
+    def start(self, at_s: float) -> None:
+        """See Planner."""
+        super().start(at_s)
+        self._start_s = at_s
+
     def plan(self, task: Task) -> Plan:
-        """Return the plug-in planner's plan, else cordon's; raises ValueError if a number is not finite."""
-        plan = self._plugged.plan(task) if task.tactic in _PLANNED else None
+        """Return the plug-in planner's plan, else cordon's; raises PlannerError if it fails or its plan is unusable."""
+        plan = self._asked(task) if task.tactic in _PLANNED else None
         if plan is None:
             if self._took_over:
                 # The state of cordon's planner is outdated: restart it from the vehicle's motion.
                 self.begin(task.tactic, to_home=self.returns_home)
             return super().plan(task)
         self._took_over = True
-        self._refuse_unusable(plan, task.situation.now_s)
         centre = task.situation.acting_centre
         if task.tactic is Tactic.ENCIRCLE and plan.ring is None and centre is not None:
             report = self._report(task.situation, centre)
-            return Plan(plan.aim_m, plan.undisturbed_aim_m, plan.aim_rate_m_s, plan.qp, plan.velocity_m_s, report)
+            return Plan(
+                plan.aim_m, plan.undisturbed_aim_m, plan.aim_rate_m_s, plan.qp, plan.velocity_m_s, report, plan.values
+            )
         return plan
 
-    def _refuse_unusable(self, plan: Plan, now_s: float) -> None:
-        for name, vector in (
-            ("aim_m", plan.aim_m.tolist()),
-            ("undisturbed_aim_m", plan.undisturbed_aim_m.tolist()),
-            ("aim_rate_m_s", plan.aim_rate_m_s.tolist()),
-            ("velocity_m_s", [0.0, 0.0] if plan.velocity_m_s is None else list(plan.velocity_m_s)),
-        ):
-            if len(vector) != 2 or not all(map(isfinite, vector)):
-                raise ValueError(
-                    f"vehicle {self._vehicle_id}, {now_s:.1f} s: {name} of its planner is {vector}, "
-                    "not two finite numbers; a planner without a solution returns None"
-                )
+    def _asked(self, task: Task) -> Plan | None:
+        """Return the plug-in planner's plan with arrays of floats, None without one; raises PlannerError."""
+        place = f"vehicle {self._vehicle_id}, {task.situation.now_s - self._start_s:.1f} s"
+        try:
+            plan = self._plugged.plan(task)
+        except Exception as error:
+            raise PlannerError(f"{place}: {_named(error)}, raised by its planner") from error
+        if plan is None:
+            return None
+        if not isinstance(plan, Plan):
+            raise PlannerError(f"{place}: its planner returned {plan!r}: return a cordon.Plan, or None")
+        return Plan(
+            _numbers(plan.aim_m, "aim_m", place),
+            _numbers(plan.undisturbed_aim_m, "undisturbed_aim_m", place),
+            _numbers(plan.aim_rate_m_s, "aim_rate_m_s", place),
+            plan.qp,
+            None if plan.velocity_m_s is None else _pair(_numbers(plan.velocity_m_s, "velocity_m_s", place)),
+            plan.ring,
+            self._checked_values(plan, place) if plan.values else NO_VALUES,
+        )
+
+    def _checked_values(self, plan: Plan, place: str) -> dict[str, float]:
+        """Return the plan's values in order of their names; raises PlannerError for others than the flight's."""
+        names = frozenset(plan.values)
+        if self._names is None:
+            for name in plan.values:
+                if not _VALUE_NAME.fullmatch(str(name)):
+                    raise PlannerError(f"{place}: values: {name!r}: a name has up to 32 letters, digits and _")
+            self._names = names
+        if names != self._names:
+            changed = ", ".join(map(repr, sorted(names ^ self._names, key=repr)))
+            raise PlannerError(f"{place}: values: {changed} come or go: their names stay the same in a flight")
+        values: dict[str, float] = {}
+        for name in sorted(names):
+            try:
+                values[name] = float(plan.values[name])
+            except (TypeError, ValueError):
+                values[name] = np.nan
+            if not isfinite(values[name]):
+                raise PlannerError(f"{place}: values[{name!r}] is {plan.values[name]!r}, not a finite number")
+        return values
 
     def _report(self, situation: Situation, centre: Vector) -> RingReport:
         """Return the report of a vehicle on the mission's ring, with its own position as its reference."""
@@ -239,4 +285,25 @@ class PluggedPlanner(Planner):
 
 def planner_of(config: AgentConfig, team: Team, factory: PlannerFactory | None) -> Planner:
     """Return one vehicle's planner: cordon's, with the factory's plug-in planner in front of it if there is one."""
-    return Planner(config, team) if factory is None else PluggedPlanner(config, team, factory(config))
+    return Planner(config, team) if factory is None else PluggedPlanner(config, team, factory)
+
+
+def _named(error: Exception) -> str:
+    return f"{type(error).__name__}: {error}"
+
+
+def _numbers(given: object, name: str, place: str) -> Vector:
+    """Return a pair of numbers of a plan, also from a tuple or a list; raises PlannerError."""
+    try:
+        vector = np.asarray(given, dtype=np.float64)
+    except (TypeError, ValueError):
+        vector = np.empty(0)
+    if vector.shape != (2,) or not np.isfinite(vector).all():
+        hint = "not two finite numbers; a planner without a solution returns None"
+        raise PlannerError(f"{place}: {name} of its planner is {given!r}, {hint}")
+    return vector
+
+
+def _pair(vector: Vector) -> Pair:
+    x, y = vector.tolist()
+    return x, y

@@ -49,8 +49,10 @@ def drill(options: DrillOptions) -> Exit:
     from gcs.drill.faults import chosen
     from gcs.drill.run import DrillProgress, DrillRun, drill_table, drills_json
     from gcs.drill.stubs import StubFlight
+    from gcs.mission.planner import require_loaded
 
     drills, mission = chosen(options.fault), loaded_mission(options.mission)
+    require_loaded(mission, None, "cordon drill")
     if faults := only_simulated(mission):
         raise InputError(faults)
     if options.log is not None:

@@ -10,6 +10,7 @@ from cyclopts.validators import Number
 from gcs.cli.options import (
     ALL_STUBS,
     RESULT,
+    AllowPlugins,
     Changes,
     Duration,
     FigureNumber,
@@ -46,6 +47,7 @@ class FlyOptions:
 
     mission: MissionName = field(kw_only=False)
     changes: Changes = ()
+    allow_plugins: AllowPlugins = False
     sitl: Annotated[
         str | None,
         Parameter(help="Fly bundled stub vehicles: all of them (no hardware needed), or those of a list such as 2,3."),
@@ -194,6 +196,7 @@ def _fly(options: FlyOptions) -> Exit:
     from gcs.flight.recording import RecordingOptions
     from gcs.flight.run import run_flight
     from gcs.flight.stubs import lockstep_clock
+    from gcs.mission.planner import planner_of
 
     check_plot(options.plot, options.figure)
     mission = bus_mission(options.mission, options.changes)
@@ -218,6 +221,7 @@ def _fly(options: FlyOptions) -> Exit:
         awaits_start=options.wait_for_start,
         faults=scheduled_faults(options.fault, mission, duration_s, stubs),
         clock=clock,
+        planner=planner_of(mission, allowed=options.allow_plugins),
     )
     live_address = (options.live_address or _LIVE_ADDRESS) if options.live else None
     recording = RecordingOptions(options.log, options.recorded, options.only, live_address, options.live_origin)

@@ -58,6 +58,14 @@ KeyName = Annotated[
     str | None,
     Parameter(help="The holder whose keys are used, such as anna; needed if the mission's key folder has several."),
 ]
+AllowPlugins = Annotated[
+    bool,
+    Parameter(
+        negative="",
+        help="Run the planner that the mission or the log names, which is code of its own (docs/planners.md); "
+        "CORDON_ALLOW_PLUGINS=1 does the same.",
+    ),
+]
 Duration = Annotated[
     float | None,
     Parameter(help="Seconds of mission time to fly, instead of the mission's.", validator=Number(gt=0, lte=86400)),

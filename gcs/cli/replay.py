@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from cyclopts import Parameter
 
-from gcs.cli.options import Json, only_file
+from gcs.cli.options import AllowPlugins, Json, only_file
 from gcs.errors import Exit, InputError
 from gcs.metrics.json_output import json_output
 
@@ -39,6 +39,7 @@ class ReplayOptions:
             "repeated.",
         ),
     ] = ()
+    allow_plugins: AllowPlugins = False
 
 
 def replay(options: ReplayOptions) -> Exit:
@@ -65,7 +66,7 @@ def replay(options: ReplayOptions) -> Exit:
     if options.explain is not None:
         result["story"] = _timeline(log, options.explain)
     if not options.changes and options.explain is None:
-        same, replayed = _replay(log)
+        same, replayed = _replay(log, allowed=options.allow_plugins)
         verdict = max(verdict, same)
         result |= replayed
     if options.json:
@@ -95,13 +96,15 @@ def _timeline(log: "FlightLog", vehicle_id: int) -> dict[str, Any]:
     return timeline_dict(timeline)
 
 
-def _replay(log: "FlightLog") -> tuple[Exit, dict[str, Any]]:
+def _replay(log: "FlightLog", *, allowed: bool) -> tuple[Exit, dict[str, Any]]:
     from gcs.console.terminal import STDERR
+    from gcs.mission.planner import named_planner
     from gcs.replay.cores import replay as replayed
     from gcs.replay.replay_view import replay_dict, replay_view
 
+    planner = None if log.run.planner is None else named_planner(log.run.planner.name, allowed=allowed)
     with _counting(log) as on_tick:
-        result = replayed(log, on_tick)
+        result = replayed(log, on_tick, planner)
     STDERR.print(replay_view(result))
     return Exit.HOLDS if result.same else Exit.VERDICT_FAILED, replay_dict(result)
 

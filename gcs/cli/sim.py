@@ -12,6 +12,7 @@ from cyclopts.validators import Number
 from gcs.cli.options import (
     RESULT,
     STATION_ADDRESS,
+    AllowPlugins,
     Changes,
     Duration,
     FigureNumber,
@@ -41,6 +42,7 @@ class SimOptions:
         Parameter(help="Seed of noise, delay and loss, instead of the mission's.", validator=Number(gte=0)),
     ] = None
     duration: Duration = None
+    allow_plugins: AllowPlugins = False
     log: Log = None
     station: Station = False
     station_address: StationAddress = None
@@ -85,11 +87,13 @@ def _sim(options: SimOptions) -> tuple[Exit, Path | None]:
     """Fly; return the verdict and the log. Raises InputError, and KeyboardInterrupt for Ctrl-C."""
     from gcs.cli.output import SimulationProgress, check_plot, present, print_warning
     from gcs.flight.simulated import fly_simulated
+    from gcs.mission.planner import planner_of
     from gcs.preflight.findings import Grade
     from gcs.preflight.mission import encounter
 
     check_plot(options.plot, options.figure)
     mission = loaded_mission(options.mission, options.changes)
+    planner = planner_of(mission, allowed=options.allow_plugins)
     for finding in encounter(mission):
         if finding.grade is not Grade.PASS:
             print_warning(finding)
@@ -104,7 +108,7 @@ def _sim(options: SimOptions) -> tuple[Exit, Path | None]:
     if log is not None:
         from gcs.flight.recording import report_log, simulation_recording
 
-        recording = simulation_recording(mission, log, seed, flown_s, "--log")
+        recording = simulation_recording(mission, log, seed, flown_s, "--log", planner)
 
     def update(time_s: float) -> None:
         if pending():
@@ -113,7 +117,7 @@ def _sim(options: SimOptions) -> tuple[Exit, Path | None]:
 
     gc.freeze()  # modules stay until the end: a full collection would traverse them for 60 ms, within a tick
     with SimulationProgress(mission.mission.name, flown_s) as progress:
-        record = fly_simulated(mission, seed, flown_s, update, recording)
+        record = fly_simulated(mission, seed, flown_s, update, recording, None if planner is None else planner.factory)
     timed = options.seed is None if options.timing is None else options.timing
     verdict = present(mission, record, json=options.json, plot=options.plot, figure=options.figure, timed=timed)
     if recording is not None:

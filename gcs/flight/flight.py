@@ -11,6 +11,7 @@ from time import perf_counter
 
 from rich.text import Text
 
+from agents.control.plan import PlannerError
 from agents.flight_end import FlightEnd
 from agents.ports import VehicleRefusedError
 from agents.shell.clock import MissionClock, WallClock
@@ -357,9 +358,8 @@ async def _fly_member(team: FlightTeam, member: Member) -> Outcome:
     except Exception as error:  # a bug in one agent must not leave the other vehicles without control
         traceback.print_exc()
         team.stop.request(Outcome(FlightEnd.FAILSAFE, f"the agent of vehicle {member.vehicle.id} failed"))
-        return Outcome(
-            FlightEnd.ERROR, f"{type(error).__name__}: {error}", "report this with the text above", flew=True
-        )
+        step = "correct the planner" if isinstance(error, PlannerError) else "report this with the text above"
+        return Outcome(FlightEnd.ERROR, f"{type(error).__name__}: {error}", step, flew=True)
     never_began = member.agent.start_s is None and not team.stop.wanted.is_set()
     if never_began or (outcome.how is FlightEnd.REFUSED and not outcome.flew):
         # The mission needs every vehicle: those in the air land again.

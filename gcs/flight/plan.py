@@ -15,6 +15,7 @@ from gcs.keys.identity import user_name
 from gcs.keys.roster import Holder
 from gcs.keys.team_keys import leaves_this_computer, read_only_folders
 from gcs.mission.mission import Mission, MissionVehicle
+from gcs.mission.planner import ChosenPlanner, require_loaded
 from gcs.preflight.computer import ComputerFacts
 from gcs.preflight.findings import Finding, VehicleFacts
 from gcs.preflight.keys import KeyFacts
@@ -31,7 +32,7 @@ class FlightPlan:
     are about to be ready. `faults` are those to inject into stubs, in order of time. On the `bench`, boards with
     simulated bodies fly, without propellers. With `awaits_start` the vehicles wait on the ground until an operator
     starts them (`cordon start`). A flight of stubs joins the governed `clock` that they are on, or makes one. `holders`
-    are those of the bus's keys when the flight begins.
+    are those of the bus's keys when the flight begins. `planner` is the mission's, None for cordon's.
     """
 
     mission: Mission
@@ -47,6 +48,11 @@ class FlightPlan:
     awaits_start: bool = False
     clock: ClockName | None = None
     holders: Sequence[Holder] | None = None
+    planner: ChosenPlanner | None = None
+
+    def __post_init__(self) -> None:
+        """Raise InputError for a mission with a planner of its own that was not loaded."""
+        require_loaded(self.mission, self.planner, "this flight")
 
     def source(self, speed: float) -> str:
         """Return the source of the flight's data: only a simulation runs at another speed than the wall clock."""
@@ -101,4 +107,5 @@ class FlightPlan:
             duration_s=self.duration_s,
             faults=[fault.injected.given for fault in self.faults],
             operator=user_name(),
+            planner=self.planner,
         )

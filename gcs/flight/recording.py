@@ -18,6 +18,7 @@ from gcs.flightlog.run import run_of
 from gcs.flightlog.writer import LogWriter
 from gcs.keys.private_files import FOLDER_MODE
 from gcs.mission.mission import Mission
+from gcs.mission.planner import ChosenPlanner
 from gcs.viewer.origin_gate import Address
 from gcs.viewer.scene import Scene
 
@@ -125,10 +126,24 @@ def log_input_errors(path: Path, named_by: str) -> Iterator[None]:
 
 
 def simulation_recording(
-    mission: Mission, path: Path, seed: int, duration_s: float, named_by: str
+    mission: Mission,
+    path: Path,
+    seed: int,
+    duration_s: float,
+    named_by: str,
+    planner: ChosenPlanner | None = None,
 ) -> SimulationRecording:
     """Return the recording of a simulated flight; raises InputError with the option or argument that named the log."""
-    run = run_of(mission, mission.ids, seed=seed, source="simulation", speed=1.0, began_s=time(), duration_s=duration_s)
+    run = run_of(
+        mission,
+        mission.ids,
+        seed=seed,
+        source="simulation",
+        speed=1.0,
+        began_s=time(),
+        duration_s=duration_s,
+        planner=planner,
+    )
     context = Context()
     with log_input_errors(path, named_by):
         return SimulationRecording(LogWriter(path, context, Scene(context, mission)), run)

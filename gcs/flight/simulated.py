@@ -1,6 +1,7 @@
 """Fly a mission in one process with simulated time: `cordon sim`."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from functools import partial
 from itertools import starmap
 from time import perf_counter
@@ -9,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from agents.control.plan import PlannerFactory
+from agents.control.plan import PlannerError, PlannerFactory
 from agents.core import VehicleCore
 from agents.flight_end import FlightEnd
 from agents.inputs import Message, Presence, Start
@@ -17,6 +18,7 @@ from agents.outputs import CoreStatus, TickOutput
 from agents.settings.config import AgentConfig
 from agents.tactics import NO_TACTIC, Tactic
 from estimation.state import POSITION, VELOCITY, Vector
+from gcs.errors import InputError
 from gcs.flight.simulated_events import SimulatedEvents
 from gcs.metrics.ending import VehicleEnding
 from gcs.metrics.record import (
@@ -73,12 +75,10 @@ def fly_simulated(
     """Fly the mission for `duration_s` of simulated time; the same seed gives the same flight.
 
     `progress` is called with the simulated time flown [s], `on_tick` with the number of each tick, the vehicle's place
-    in line and its output. `planner` creates each vehicle's planner, see `TaskPlanner`; its exceptions end the flight.
-    A recording with a `planner` raises ValueError. `steps`: see `simulated_vehicles`. A `reaction` moves the target in
+    in line and its output. `planner` creates each vehicle's planner, see `TaskPlanner`; its faults
+    raise InputError. `steps`: see `simulated_vehicles`. A `reaction` moves the target in
     place of the mission's. `events` are of this flight only.
     """
-    if planner is not None and recording is not None:
-        raise ValueError("a flight with a plug-in planner cannot be recorded: fly it without a log")
     rate_hz, count = mission.mission.rate_hz, len(mission.vehicles)
     observed, target = _Observed(round(duration_s * rate_hz) + 1, count, rate_hz), flown_target(mission, reaction)
 
@@ -99,25 +99,35 @@ def fly_simulated(
         return happens.act(now_s, vehicles)
 
     happens = events or SimulatedEvents(mission)
-    new_core = partial(VehicleCore, planner=planner) if recording is None else recording.core
-    vehicles = simulated_vehicles(mission, seed, new_core, happens.absences, steps=steps, target=target)
+    new_core = partial(VehicleCore if recording is None else recording.core, planner=planner)
     began_s = perf_counter()
-    flight = simulate(
-        vehicles,
-        happens.network,
-        rate_hz=rate_hz,
-        duration_s=duration_s,
-        seed=seed,
-        inputs=INPUTS,
-        observe=observe,
-        progress=progress,
-        move_target=move_target,
-        intervene=intervene,
-    )
+    with _planner_faults():
+        vehicles = simulated_vehicles(mission, seed, new_core, happens.absences, steps=steps, target=target)
+        flight = simulate(
+            vehicles,
+            happens.network,
+            rate_hz=rate_hz,
+            duration_s=duration_s,
+            seed=seed,
+            inputs=INPUTS,
+            observe=observe,
+            progress=progress,
+            move_target=move_target,
+            intervene=intervene,
+        )
     wall_time_s = perf_counter() - began_s
     if recording is not None:
         recording.end(observed.endings(mission.ids), flight, wall_time_s)
     return _record(mission, seed, flight, target, observed, wall_time_s)
+
+
+@contextmanager
+def _planner_faults() -> Iterator[None]:
+    """Turn the faults of a plug-in planner into InputError."""
+    try:
+        yield
+    except PlannerError as error:
+        raise InputError([f"planner: {error}"]) from error
 
 
 class _Observed:

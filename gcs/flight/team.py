@@ -8,6 +8,7 @@ from functools import partial
 
 from msgspec import structs
 
+from agents.control.plan import PlannerError
 from agents.outputs import CoreStatus
 from agents.ports import Heartbeat, PeerBus, TargetSensor, VehicleRefusedError
 from agents.shell.agent import Agent
@@ -19,6 +20,7 @@ from agents.team.perception import Perception
 from estimation.frames import MissionFrame
 from estimation.state import Sighting
 from gcs.console.live import LiveView
+from gcs.errors import InputError
 from gcs.flight.equipment import Equipment
 from gcs.flight.plan import FlightPlan
 from gcs.flightlog.flight import Recording
@@ -123,7 +125,8 @@ class FlightTeam:
     def equip(self, hub: MavsdkHub, heartbeat: Callable[[int], Heartbeat]) -> None:
         """Create the links and the agents of all vehicles of this process, not yet connected.
 
-        `heartbeat` is called with a vehicle's id. Raises InputError when keys are missing or not valid.
+        `heartbeat` is called with a vehicle's id. Raises InputError when keys are missing or not valid, or a planner
+        cannot be made.
         """
         plan = self.plan
         equipment = plan.equipment or Equipment()
@@ -162,8 +165,12 @@ class FlightTeam:
         def report(text: str) -> None:
             self.view.print_line(f"vehicle {vehicle.id}: {text}")
 
+        try:
+            core = self.recording.core(config, None if self.plan.planner is None else self.plan.planner.factory)
+        except PlannerError as error:
+            raise InputError([f"planner: {error}"]) from error
         parts = AgentParts(
-            core=self.recording.core(config),
+            core=core,
             config=config,
             link=link,
             bus=bus,

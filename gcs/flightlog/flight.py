@@ -3,6 +3,7 @@
 from contextlib import AbstractContextManager, nullcontext
 from typing import Any, Self
 
+from agents.control.plan import PlannerFactory
 from agents.core import VehicleCore
 from agents.recording import RecordedCore
 from agents.settings.config import AgentConfig
@@ -52,10 +53,10 @@ class Recording:
         if self._recorder is not None:
             self._recorder.note(0, 0, record)
 
-    def core(self, config: AgentConfig) -> VehicleCore:
-        """Return the core of an agent, whose inputs and outputs are recorded."""
+    def core(self, config: AgentConfig, planner: PlannerFactory | None = None) -> VehicleCore:
+        """Return the core of an agent, whose inputs and outputs are recorded; `planner` makes its plug-in planner."""
         recorder = self._vehicle(config.vehicle_id)
-        return VehicleCore(config) if recorder is None else RecordedCore(config, recorder)
+        return VehicleCore(config, planner) if recorder is None else RecordedCore(config, recorder, planner)
 
     def begin_vehicle(self, facts: VehicleFacts) -> None:
         """Record the facts that a vehicle reported before take-off."""

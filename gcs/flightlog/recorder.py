@@ -10,6 +10,7 @@ from collections.abc import Callable, Sequence
 from time import monotonic, sleep
 from typing import Protocol, Self
 
+from agents.control.plan import PlannerFactory
 from agents.core import VehicleCore
 from agents.inputs import CoreInput, Message
 from agents.outputs import TickOutput
@@ -290,10 +291,10 @@ class SimulationRecording:
         self._vehicles: dict[int, VehicleRecorder] = {}
         self._recorder.note(0, 0, run)
 
-    def core(self, config: AgentConfig) -> VehicleCore:
-        """Return a core that is recorded."""
+    def core(self, config: AgentConfig, planner: PlannerFactory | None = None) -> VehicleCore:
+        """Return a core that is recorded; `planner` makes its plug-in planner, if any."""
         recorder = self._vehicles[config.vehicle_id] = self._recorder.vehicle(config.vehicle_id)
-        return RecordedCore(config, recorder)
+        return RecordedCore(config, recorder, planner)
 
     def advance(self, now_s: float) -> None:
         """Set the time of the records from now on. Write the waiting records from time to time."""

@@ -41,12 +41,31 @@ class Version(msgspec.Struct, frozen=True):
     version: str
 
 
+class PlannerRecord(msgspec.Struct, frozen=True):
+    """The planner of a flight that is not cordon's: name, distribution with version, and digest of its source file.
+
+    The latter two are empty where they are unknown.
+    """
+
+    name: str
+    distribution: str
+    digest: str
+
+
+class PlannerValue(msgspec.Struct, frozen=True):
+    """A number of a planner that is not cordon's, by the name that it gave it."""
+
+    name: str
+    value: float
+
+
 class Run(msgspec.Struct, frozen=True):
     """The mission that was flown, and all that is needed to build the same cores again.
 
     `began_s` is Unix time, `speed` how many times as fast as the wall's the clock of all records runs; `source` is
     simulation, sitl, hybrid, bench or flight. `vehicles` are those of the mission whose cores are recorded here.
     `faults` are those injected into stub vehicles, as `link-cut@120:2`. `operator` began it.
+    `planner` is None where cordon's own planned.
     """
 
     format: int
@@ -62,6 +81,7 @@ class Run(msgspec.Struct, frozen=True):
     versions: tuple[Version, ...]
     faults: tuple[str, ...] = ()
     operator: str = ""
+    planner: PlannerRecord | None = None
 
 
 class Parameter(msgspec.Struct, frozen=True):
@@ -164,7 +184,7 @@ class Decision(msgspec.Struct, frozen=True):
     `turning_rad_s` is the estimated rate at which the vehicle circles, 0 off the ring.
     `drops` are the messages dropped so far by reason, `messages_dropped` their number.
     `outlook` is None while nothing is due. `ring` is the number of the ring that the vehicle is on or flies to, of
-    whose target `target` and `polar` are; 0 in missions of one ring.
+    whose target `target` and `polar` are; 0 in missions of one ring. `values` are those of a user's planner.
     """
 
     time_s: float
@@ -190,6 +210,7 @@ class Decision(msgspec.Struct, frozen=True):
     drops: Drops | None = None
     outlook: Outlook | None = None
     ring: int = 0
+    values: tuple[PlannerValue, ...] = ()
 
 
 class Cost(msgspec.Struct, frozen=True):
@@ -306,6 +327,7 @@ def decision_of(output: TickOutput) -> Decision:
         status.drops,
         status.outlook,
         status.ring,
+        () if status.plan is None else tuple([PlannerValue(*each) for each in status.plan.values.items()]),
     )
 
 

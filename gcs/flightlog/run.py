@@ -6,9 +6,10 @@ from importlib.metadata import version
 
 from gcs.flightlog.container import LogError
 from gcs.flightlog.reader import FlightLog
-from gcs.flightlog.records import FORMAT, PlantText, Run, Version
+from gcs.flightlog.records import FORMAT, PlannerRecord, PlantText, Run, Version
 from gcs.mission.file import MissionError, parse_mission
 from gcs.mission.mission import Mission
+from gcs.mission.planner import ChosenPlanner
 
 _COMPUTES = ("cordon-gcs", "numpy", "osqp", "scipy", "filterpy", "msgspec")
 """The packages on which computed numbers may depend."""
@@ -31,10 +32,11 @@ def run_of(
     duration_s: float,
     faults: Sequence[str] = (),
     operator: str = "",
+    planner: ChosenPlanner | None = None,
 ) -> Run:
     """Return the record of a run; `began_s` is Unix time, `faults` are those injected into stub vehicles.
 
-    `operator` is the user who begins it.
+    `operator` is the user who begins it, `planner` the planner if it is not cordon's.
     """
     plants = tuple(PlantText(name, text) for name, text in sorted(mission.profile_texts.items()))
     return Run(
@@ -51,7 +53,14 @@ def run_of(
         versions=versions(),
         faults=tuple(faults),
         operator=operator,
+        planner=None if planner is None else PlannerRecord(planner.name, planner.distribution, planner.digest),
     )
+
+
+def planner_text(planner: PlannerRecord) -> str:
+    """Return what the log knows of a planner: name, distribution, digest of its source."""
+    source = f"source {planner.digest}" if planner.digest else ""
+    return ", ".join(filter(None, (planner.name, planner.distribution, source)))
 
 
 def mission_of(log: FlightLog) -> Mission:

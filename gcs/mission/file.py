@@ -21,7 +21,7 @@ from gcs.errors import InputError, KeyFault
 from gcs.mission.cross_checks import LoadedVehicle, resolved
 from gcs.mission.excitation import excitation_faults, excited
 from gcs.mission.fault_lines import located, syntax_fault
-from gcs.mission.mission import Mission, SharedLinkSection, TargetSection, VehicleSection
+from gcs.mission.mission import CORDONS_PLANNER, Mission, SharedLinkSection, TargetSection, VehicleSection
 from gcs.mission.overrides import overridden, places
 from gcs.mission.rings import SeveralRings, several_rings
 from gcs.mission.sections import EXCITES, REQUIRED, SECTIONS, TUNED, TUNING, VEHICLES_MAX
@@ -58,6 +58,8 @@ def _digest(mission: Mission) -> str:
         "vehicles": vehicles,
         "plants": [repr(plant) for plant in profiles],
     }
+    if mission.mission.planner != CORDONS_PLANNER:
+        whole["planner"] = mission.mission.planner
     return sha256(dumps(whole, sort_keys=True).encode()).hexdigest()[:16]
 
 

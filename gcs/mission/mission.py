@@ -130,6 +130,9 @@ Changes = Annotated[
 ]
 
 
+CORDONS_PLANNER = "cordon"
+
+
 class MissionSection(Settings):
     """`[mission]`: name, duration and control loop."""
 
@@ -138,6 +141,12 @@ class MissionSection(Settings):
     duration_s: float = Field(gt=0.0, le=86400.0, description="time from the start to the landing")
     rate_hz: float = Field(10.0, ge=2.0, le=100.0, description="rate of the control loop")
     seed: int = Field(0, ge=0, description="seed of all random numbers")
+    planner: str = Field(
+        CORDONS_PLANNER,
+        min_length=1,
+        max_length=200,
+        description="a user's planner, `module:Class` or the name of an entry point (docs/planners.md)",
+    )
     format: Literal[2] = Field(2, description="version of the keys")
 
 

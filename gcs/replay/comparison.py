@@ -11,6 +11,7 @@ from agents.team.codec import decode
 from gcs.flightlog.records import Decision, Run
 from gcs.flightlog.run import versions
 from gcs.flightlog.schema import plain
+from gcs.mission.planner import ChosenPlanner
 
 TOLERANCE = 1e-3
 """Tolerance [m, m/s, rad]: solvers of other versions differ by less, and the effect on a flight is negligible."""
@@ -31,15 +32,26 @@ class FieldDifference(NamedTuple):
     replayed: Any
 
 
-def versions_that_differ(run: Run) -> tuple[str, ...]:
-    """Return the libraries and tools whose installed version differs from the one in a run, as text."""
+def versions_that_differ(run: Run, planner: ChosenPlanner | None = None) -> tuple[str, ...]:
+    """Return the libraries and tools whose installed version differs from the one in a run, as text.
+
+    The planner of the replay is one of them where it is not cordon's.
+    """
     recorded = {each.name: each.version for each in run.versions}
     installed = {each.name: each.version for each in versions()}
+    if run.planner is not None and planner is not None:
+        name = f"planner {run.planner.name}"
+        recorded[name] = _version(run.planner.distribution, run.planner.digest)
+        installed[name] = _version(planner.distribution, planner.digest)
     return tuple(
         f"{name} {recorded.get(name, 'unknown')} in the flight, {installed.get(name, 'none')} now"
         for name in sorted({*recorded, *installed})
         if recorded.get(name) != installed.get(name)
     )
+
+
+def _version(distribution: str, digest: str) -> str:
+    return f"{distribution or 'no distribution'} (source {digest or 'unknown'})"
 
 
 def differences(recorded: Decision, replayed: Decision, same: Same) -> list[FieldDifference]:

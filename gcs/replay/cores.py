@@ -11,6 +11,7 @@ from gcs.flightlog.reader import FlightLog
 from gcs.flightlog.records import Decision, decision_of
 from gcs.flightlog.run import mission_of
 from gcs.flightlog.schema import Codec
+from gcs.mission.planner import ChosenPlanner
 from gcs.replay.comparison import FieldDifference, close, differences, identical, versions_that_differ
 from gcs.replay.playback import MissingRecords, Turn, config_of, recorded_vehicles, tick_count, turns
 
@@ -80,12 +81,16 @@ class Replay:
         return all(each.difference is None and each.failure is None for each in self.vehicles)
 
 
-def replay(log: FlightLog, on_tick: Callable[[], None] = lambda: None) -> Replay:
-    """Replay every vehicle of a log; raises LogError where the log does not hold the mission."""
-    mission, other = mission_of(log), versions_that_differ(log.run)
+def replay(log: FlightLog, on_tick: Callable[[], None] = lambda: None, planner: ChosenPlanner | None = None) -> Replay:
+    """Replay every vehicle of a log, with the planner if the flight's was not cordon's.
+
+    Raises LogError where the log does not hold the mission.
+    """
+    mission, other = mission_of(log), versions_that_differ(log.run, planner)
+    factory = None if planner is None else planner.factory
     vehicles = []
     for vehicle_id in recorded_vehicles(log):
-        core = VehicleCore(config_of(log, mission, vehicle_id))
+        core = VehicleCore(config_of(log, mission, vehicle_id), factory)
         player = _Player(vehicle_id, tick_count(log, vehicle_id), core, exact=not other)
         for turn in turns(log, vehicle_id):
             if not player.play(turn):

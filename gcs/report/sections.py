@@ -114,6 +114,7 @@ def sections(flight: ReportedFlight) -> tuple[Section, ...]:
         _events(flight),
         _estimates(flight),
         _loops(flight),
+        *([_planner(flight)] if any(vehicle.loop.values for vehicle in flight.evidence.vehicles) else ()),
         _links(flight),
         _power(flight),
         _reynolds(flight),
@@ -298,6 +299,12 @@ def _loops(flight: ReportedFlight) -> Section:
         rows_of_two([partial(chart, "ticks", draw, alt)]),
         (tables.loop_table(flight.evidence),),
     )
+
+
+def _planner(flight: ReportedFlight) -> Section:
+    """Return the values of a user's planner, which are there in every tick that it planned."""
+    lead = f"Numbers that the planner {flight.evidence.facts['planner']} returned with its plans."
+    return Section("planner", "Planner", lead, tables=(tables.value_table(flight.evidence),), keyed=False)
 
 
 def _in_wall_time(flight: ReportedFlight) -> str:

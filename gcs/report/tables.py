@@ -138,6 +138,17 @@ def loop_table(evidence: FlightEvidence) -> Table:
     return Table("Control loops", columns, tuple(rows))
 
 
+def value_table(evidence: FlightEvidence) -> Table:
+    """Return the range, mean and last of each value of a user's planner."""
+    rows = []
+    for vehicle in evidence.vehicles:
+        for name, values in sorted(vehicle.loop.values.items()):
+            known = values[np.isfinite(values)]
+            figures = (known.min(), known.mean(), known.max(), known[-1])
+            rows.append((str(vehicle.vehicle_id), name, *(f"{each:.4g}" for each in figures)))
+    return Table("Values of the planner", ("vehicle", "value", "least", "mean", "most", "last"), tuple(rows))
+
+
 def link_table(evidence: FlightEvidence) -> Table:
     """Return the reception of telemetry and of peers' messages by every vehicle."""
     rows = []

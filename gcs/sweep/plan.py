@@ -12,6 +12,7 @@ from gcs.flightlog.run import versions
 from gcs.mission.file import MissionError, mission_path, mission_text, parse_mission
 from gcs.mission.mission import Mission
 from gcs.mission.overrides import overridden
+from gcs.mission.planner import require_loaded
 from gcs.sweep.variation import Variation
 
 SEED_PLACE, DURATION_PLACE = "mission.seed", "mission.duration_s"
@@ -123,6 +124,7 @@ def planned(
             raise KeyboardInterrupt
         try:
             parsed = parse_mission(overridden(text, plan.fixed | values), folder, profile_texts)
+            require_loaded(parsed, None, "a sweep")
         except InputError as error:
             faults[index] = error
         else:

@@ -223,7 +223,6 @@ def accelerating(motion: Motion, _aim_m: Pair, _push: Pair, step_s: float) -> Mo
         (lambda: reacting(lambda t, _: (t, float("nan") if t > 1.0 else 0.0)), ("target", "at 1.1 s", "nan")),
         (lambda: cordon.simulate("evader", target=circle), ("target", "[target.evades]")),
         (lambda: cordon.simulate("evader", target=cordon.ReactingTarget(lambda _, team: team[1][:2])), ("evades",)),
-        (lambda: cordon.simulate("case1", planner=lambda _: Silent(), log="flight.mcap"), ("log", "planner")),
         (lambda: cordon.read("nothing.mcap"), ("nothing.mcap",)),
         (lambda: cordon.load(3), ("mission", "3")),  # type: ignore[arg-type]
         (lambda: cordon.load("case1", ["a=1"]), ("overrides", "['a=1']")),  # type: ignore[arg-type]
@@ -266,13 +265,6 @@ def test_a_plants_axes_are_plant_axes() -> None:
 
 def reacting(position: Callable[[float, Mapping[int, Motion]], Pair]) -> cordon.Flight:
     return cordon.simulate("case1", duration_s=3.0, target=cordon.ReactingTarget(position))
-
-
-class Silent:
-    """Never has a plan."""
-
-    def plan(self, task: cordon.Task) -> cordon.Plan | None:
-        return None
 
 
 def test_a_log_that_is_there_is_not_replaced(tmp_path: Path) -> None:

@@ -40,7 +40,8 @@ class LoopTiming:
 
     `qp` is the source of each plan (`interior`, `bounded`, `fallback`), `guard` the action of the guard (`passed`,
     `changed`, `yielded`, `braked`); `setpoint_m` (T, 3) is the position sent, NaN where none was sent; `velocity_m_s`
-    (T, 3) the velocity sent with it, 0 without one, and `yaw_rad` (T,) the yaw, NaN where none was sent.
+    (T, 3) the velocity sent with it, 0 without one, and `yaw_rad` (T,) the yaw, NaN where none was sent. `values`
+    (T,) are those of a user's planner by name, NaN in the ticks without.
     """
 
     time_s: Vector = field(default_factory=_none)
@@ -51,6 +52,7 @@ class LoopTiming:
     setpoint_m: Vector = field(default_factory=lambda: np.empty((0, 3)))
     velocity_m_s: Vector = field(default_factory=lambda: np.empty((0, 3)))
     yaw_rad: Vector = field(default_factory=_none)
+    values: dict[str, Vector] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, slots=True)

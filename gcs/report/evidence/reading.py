@@ -17,7 +17,7 @@ from estimation.state import MOTION, Telemetry, Vector
 from gcs.flightlog.container import LogError
 from gcs.flightlog.reader import FlightLog, LogRecord
 from gcs.flightlog.records import Cost, Decision, Run, Taken, Truth, Vehicle, VehicleEnd, notes_of, ring_of
-from gcs.flightlog.run import mission_of
+from gcs.flightlog.run import mission_of, planner_text
 from gcs.metrics.ending import Unaccounted, VehicleEnding
 from gcs.metrics.journal import Journal, RunTotals
 from gcs.metrics.record import injected_faults
@@ -120,6 +120,8 @@ def _facts(logs: Sequence[FlightLog], mission: Mission, vehicles: Sequence["_Veh
     }
     if kinds := _kinds(logs):
         facts["vehicles"] = "; ".join(f"{i}: {kind}" for i, kind in kinds.items())
+    if run.planner is not None:
+        facts["planner"] = planner_text(run.planner)
     if run.faults:
         facts["injected faults"] = ", ".join(run.faults)
     faults = [f"{log.path.name}: {fault}" for log in logs for fault in log.faults]
@@ -181,6 +183,7 @@ class _Columns:
     setpoint_m: list[tuple[float, ...]] = field(default_factory=list)
     velocity_m_s: list[tuple[float, ...]] = field(default_factory=list)
     yaw_rad: list[float] = field(default_factory=list)
+    values: dict[int, dict[str, float]] = field(default_factory=dict)
 
 
 class _VehicleReader:
@@ -288,6 +291,7 @@ class _VehicleReader:
                 np.array(rows.setpoint_m).reshape(-1, 3),
                 np.array(rows.velocity_m_s).reshape(-1, 3),
                 np.array(rows.yaw_rad),
+                _value_columns(rows.values, len(rows.time_s)),
             ),
             samples=telemetry[:, 1:4] - [start_s, 0.0, 0.0],
             telemetry=Reception(received_s - start_s, (received_s - sampled_s) / speed),
@@ -315,6 +319,8 @@ class _VehicleReader:
 
     def _add(self, decision: Any, tick_us: float) -> None:
         rows = self._rows
+        if values := getattr(decision, "values", ()):  # earlier logs have none
+            rows.values[len(rows.time_s)] = {each.name: each.value for each in values}
         rows.time_s.append(decision.time_s)
         rows.tick_us.append(tick_us)
         rows.skipped.append(self._late)
@@ -375,6 +381,15 @@ class _VehicleReader:
             self.wind_m_s.append(status.wind_m_s)
         if status.HasField("round_trip_s"):
             self._round_trip_s.append(status.round_trip_s)
+
+
+def _value_columns(values: dict[int, dict[str, float]], ticks: int) -> dict[str, Vector]:
+    """Return the planner's values of each name (T,), from those of single ticks."""
+    columns: dict[str, Vector] = {}
+    for tick, named in values.items():
+        for name, value in named.items():
+            columns.setdefault(name, np.full(ticks, np.nan))[tick] = value
+    return columns
 
 
 def _target_of(decision: Any) -> Vector | None:

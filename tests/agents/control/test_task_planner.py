@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from agents.control.aims import resting
-from agents.control.plan import Plan
+from agents.control.plan import Plan, PlannerError
 from agents.inputs import Message, TacticEvent
 from agents.outputs import CoreStatus, TickOutput
 from agents.settings.config import AgentConfig
@@ -132,5 +132,5 @@ def test_a_plan_that_is_not_finite_ends_the_flight_and_names_vehicle_and_time(ma
         ("velocity_m_s", Plan(place_m, place_m, np.zeros(2), velocity_m_s=(0.0, nan))),
     ):
         flight = Flight(make_config(), Recorded(partial(from_1_s, plan)))
-        with pytest.raises(ValueError, match=rf"vehicle 2, 1\.0 s: {name}"):
+        with pytest.raises(PlannerError, match=rf"vehicle 2, 1\.0 s: {name}"):
             flight.fly_on(2.0)

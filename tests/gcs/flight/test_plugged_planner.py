@@ -8,6 +8,7 @@ import pytest
 from agents.control.aims import resting
 from agents.control.plan import Plan
 from agents.situation.task import Task
+from gcs.errors import InputError
 from gcs.flight.simulated import fly_simulated
 from gcs.mission.file import load_mission
 
@@ -56,5 +57,5 @@ def test_the_guard_keeps_vehicles_apart_whose_planners_send_them_to_one_place() 
 
 
 def test_an_exception_of_a_planner_ends_the_simulation() -> None:
-    with pytest.raises(ZeroDivisionError, match="no plan"):
+    with pytest.raises(InputError, match=r"vehicle 1, 1\.1 s: ZeroDivisionError: no plan"):
         fly_simulated(load_mission("case1"), 0, 5.0, lambda _: None, planner=lambda _: Faulty())
