@@ -12,6 +12,7 @@ from cordon.package_names import shadowed, shared
 if TYPE_CHECKING:
     from agents.control.plan import Plan as Plan
     from agents.control.plan import TaskPlanner as TaskPlanner
+    from agents.ports import VehicleRefusedError as VehicleRefusedError
     from agents.settings.config import AgentConfig as AgentConfig
     from agents.situation.task import Task as Task
     from cordon.channels import VehicleChannels as VehicleChannels
@@ -24,6 +25,9 @@ if TYPE_CHECKING:
     from cordon.simulation import TargetPath as TargetPath
     from cordon.simulation import load as load
     from cordon.simulation import simulate as simulate
+    from cordon.stub_team import StubTeam as StubTeam
+    from cordon.stub_team import stubs as stubs
+    from cordon.stub_vehicle import StubVehicle as StubVehicle
     from estimation.plant.model import Plant as Plant
     from estimation.plant.model import PlantAxis as PlantAxis
     from gcs.errors import InputError as InputError
@@ -34,6 +38,7 @@ if TYPE_CHECKING:
     from gcs.flight.simulated_events import MessageLoss as MessageLoss
     from gcs.metrics.result import FlightResult as FlightResult
     from gcs.mission.mission import Mission as Mission
+    from sitl.server.true_state import TrueState as TrueState
     from sitl.vehicle.plant_step import StepFunction as StepFunction
 
 _HOMES = {
@@ -54,14 +59,19 @@ _HOMES = {
     "PlantAxis": "estimation.plant.model",
     "ReactingTarget": "cordon.simulation",
     "StepFunction": "sitl.vehicle.plant_step",
+    "StubTeam": "cordon.stub_team",
+    "StubVehicle": "cordon.stub_vehicle",
     "TargetPath": "cordon.simulation",
     "Task": "agents.situation.task",
     "TaskPlanner": "agents.control.plan",
+    "TrueState": "sitl.server.true_state",
     "VehicleChannels": "cordon.channels",
+    "VehicleRefusedError": "agents.ports",
     "identify": "cordon.identification",
     "load": "cordon.simulation",
     "read": "cordon.reading",
     "simulate": "cordon.simulation",
+    "stubs": "cordon.stub_team",
 }
 """Where each public name is defined."""
 
