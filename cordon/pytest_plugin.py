@@ -13,6 +13,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from cordon.stub_team import StubTeam
+    from cordon.stub_vehicle import StubVehicle
     from gcs.mission.mission import Mission
 
     CordonStubs = Callable[..., StubTeam]

@@ -228,5 +228,5 @@ def _is_whole(value: object) -> bool:
 
 
 def _require_positive(name: str, value: object) -> None:
-    if not (isinstance(value, Real) and value > 0.0):
+    if not (isinstance(value, Real) and float(value) > 0.0):
         raise InputError([f"{name}: it must be a positive time (given: {value!r})"])

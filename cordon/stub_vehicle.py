@@ -42,7 +42,7 @@ class StubVehicle:
         It stays there until a client sends setpoints or selects a mode. Raises VehicleRefusedError, as when it is not
         armed, and InputError.
         """
-        given = {"x_m": x_m, "y_m": y_m, "z_m": z_m}
+        given: dict[str, object] = {"x_m": x_m, "y_m": y_m, "z_m": z_m}
         faults = [
             f"{name}: it must be a finite number of metres (given: {value!r})"
             for name, value in given.items()
