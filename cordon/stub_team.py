@@ -1,13 +1,4 @@
-"""Stub vehicles for tests of MAVLink programs: a team of them in a process of its own, on ports of its own.
-
->>> import cordon
->>> with cordon.stubs("case2", vehicles=2) as team:
-...     team[1].arm()
-...     team[1].goto(0.0, 4.0, 6.0)
-...     _ = team.wait_until(lambda: team[1].truth().position_m[2] > 5.0)
-...     team[1].truth().mode, team[2].truth().armed
-('Offboard', False)
-"""
+"""Stub vehicles for tests of MAVLink programs: a team of them in a process of its own, on ports of its own."""
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, suppress
