@@ -67,8 +67,9 @@ class StubTeam:
     async def until(self, condition: Callable[[], bool], *, within_s: float = 60.0) -> float:
         """Wait in a coroutine until a condition holds; return the time since the vehicles booted [s].
 
-        The time stands still while the condition, or another task of this event loop, computes. Raises TimeoutError
-        with the vehicles' states after `within_s` of simulated time, and VehicleRefusedError if the stubs have ended.
+        The time stands still while the condition computes, and goes on by 0.05 s at most while another task of this
+        event loop does. Raises TimeoutError with the vehicles' states after `within_s` of simulated time, and
+        VehicleRefusedError if the stubs have ended.
         """
         _require_positive("within_s", within_s)
         with GovernedClock(self._running_clock(), Rank.GUEST) as clock:

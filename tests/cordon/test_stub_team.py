@@ -9,7 +9,7 @@ import cordon
 
 
 def test_bad_arguments_name_the_value(subtests: pytest.Subtests) -> None:
-    for arguments, fault in [
+    faults: list[tuple[dict[str, Any], str]] = [
         ({"mission": "case4"}, "case4"),
         ({"mission": 3}, "mission: 3"),
         ({"vehicles": 0}, r"vehicles: .*from 1 to 3.*given: 0"),
@@ -21,10 +21,10 @@ def test_bad_arguments_name_the_value(subtests: pytest.Subtests) -> None:
         ({"speed": "max"}, r"speed: .*given: 'max'"),
         ({"seed": -1}, r"seed: .*given: -1"),
         ({"seed": "3"}, r"seed: .*given: '3'"),
-    ]:
-        given: dict[str, Any] = {"mission": "case2", **arguments}
-        with subtests.test(arguments), pytest.raises(cordon.InputError, match=fault):
-            cordon.stubs(**given)
+    ]
+    for arguments, fault in faults:
+        with subtests.test(**arguments), pytest.raises(cordon.InputError, match=fault):
+            cordon.stubs(**{"mission": "case2", **arguments})
     with pytest.raises(cordon.InputError, match=r"(?s)vehicles: .*\nspeed: .*\nseed: "):
         cordon.stubs("case2", 9, speed=-1.0, seed=-1)
 

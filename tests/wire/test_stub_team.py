@@ -116,7 +116,7 @@ def test_refusals_and_bad_input_name_the_vehicle(subtests: pytest.Subtests) -> N
         with pytest.raises(cordon.InputError, match=r"vehicle 3: .*: 1, 2"):
             team.inject(3, "link-cut")
         for fault in ("link-cutt", "latency", "killed-agent", "liar", 3):
-            with subtests.test(fault), pytest.raises(cordon.InputError, match=f"fault = {fault!r}: .*link-cut"):
+            with subtests.test(fault=fault), pytest.raises(cordon.InputError, match=f"fault = {fault!r}: .*link-cut"):
                 team.inject(1, fault)  # type: ignore[arg-type]
 
 
@@ -142,10 +142,12 @@ def test_a_fault_affects_one_vehicle_until_it_is_cleared() -> None:
         assert heard(first)
 
 
-async def test_until_waits_in_simulated_time_which_stands_still_for_other_tasks() -> None:
+async def test_until_waits_in_simulated_time_which_waits_for_other_tasks() -> None:
     async with cordon.stubs("case2", 1, speed=inf) as team:
         began_s = team[1].truth().time_s
-        with pytest.raises(TimeoutError, match=r"within 100 s: vehicle 1 disarmed, mode Hold, at \(0.00, 4.00, 0.00\)"):
+        with pytest.raises(
+            TimeoutError, match=r"within 100 s: vehicle 1 disarmed, mode Hold, at \(0\.00, 4\.00, 0\.00\)"
+        ):
             await team.until(lambda: False, within_s=100.0)
         assert team[1].truth().time_s - began_s == pytest.approx(100.0, abs=2.0)
         times_s: list[float] = []
@@ -159,7 +161,7 @@ async def test_until_waits_in_simulated_time_which_stands_still_for_other_tasks(
 
         task = asyncio.create_task(computing())
         await team.until(task.done, within_s=1e6)
-        assert max(times_s) < 0.05
+        assert max(times_s) < 0.08, "a poll, and a step of the stubs"
 
 
 def test_a_program_of_its_own_joins_the_clock() -> None:
