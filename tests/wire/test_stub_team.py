@@ -75,9 +75,9 @@ def test_a_step_is_flown_as_the_plant_answers_it_and_the_saved_track_shows_it(tm
 
 def test_what_pymavlink_receives_is_the_true_state_in_the_vehicles_own_frame() -> None:
     mission = cordon.load("case2", {"frame.x_bearing_deg": 30.0})
-    with cordon.stubs(mission, 2) as team, client(team[2]) as link:
-        raised(team, 2)
-        team[2].goto(8.0, 3.0, 6.0)
+    with cordon.stubs(mission, 2) as team, client(team[1]) as link:
+        raised(team, 1)
+        team[1].goto(8.0, 3.0, 6.0)
         states: list[cordon.TrueState] = []
         received: dict[float, Any] = {}
 
@@ -85,7 +85,7 @@ def test_what_pymavlink_receives_is_the_true_state_in_the_vehicles_own_frame() -
             while (message := link.recv_match()) is not None:
                 if message.get_type() == "LOCAL_POSITION_NED":
                     received[message.time_boot_ms / 1e3] = message
-            states.append(team[2].truth())
+            states.append(team[1].truth())
             return states[-1].position_m[0] > 6.0
 
         team.wait_until(near)
@@ -96,7 +96,7 @@ def test_what_pymavlink_receives_is_the_true_state_in_the_vehicles_own_frame() -
                 assert (message.vx, message.vy, message.vz) == pytest.approx(state.ned_m_s, abs=1e-3)
                 compared += 1
         assert compared > 5
-        assert link.target_system == team[2].system_id
+        assert link.target_system == team[1].system_id
 
 
 def test_ardupilot_takes_off_and_flies_on() -> None:

@@ -171,9 +171,8 @@ def vehicle_injections(scene: TeamInFlight) -> dict[str, VehicleInjection]:
     """Return the faults that affect the subject alone, by their options: the injection of each into the subject."""
     possible = [fault for fault in FAULTS if fault.vehicles_min <= len(scene.airborne)]
     injections = {fault.option: fault.inject(scene) for fault in possible}
-    only = {scene.subject}
     return {
         option: made.vehicles[scene.subject]
         for option, made in injections.items()
-        if made.vehicles.keys() == only and made == Injection(vehicles=made.vehicles)
+        if scene.subject in made.vehicles and made == Injection(vehicles=made.vehicles)
     }
