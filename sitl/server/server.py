@@ -174,6 +174,7 @@ class Stub:
         """When the newest arrived, on the common clock."""
         self._origin_m = origin_m
         self._goal_m: Triple | None = None
+        self._was_in_offboard = False
         self._pace = pace
         self._clock = clock
         self._truth: list[tuple[float, ...]] = []
@@ -199,6 +200,7 @@ class Stub:
                 airframe = self.autopilot.airframe
                 clock_s = self.autopilot.time_s + self._pace.clock_offset_s
                 self._truth.append((clock_s, *airframe.position_m, *airframe.velocity_m_s))
+        self._was_in_offboard = self._was_in_offboard or self._in_offboard
         motion, self._motion = self._motion, None
         self.endpoint.send(packets, lambda: self._note_sent(motion))
 
@@ -293,11 +295,14 @@ class Stub:
         return shifted(goal_m, (-x, -y, -z))
 
     def _stream_age_s(self) -> float:
-        """Return the age of its client's newest setpoint if it flies in offboard by these, else 0."""
-        autopilot = self.autopilot
+        """Return the age of its client's newest setpoint while offboard needs these or is about to, else 0."""
         by_client = self._goal_m is None and self.setpoints > 0 and not self.faults.link_cut
-        flies = autopilot.armed and autopilot.mode is NavMode.OFFBOARD and autopilot.NEEDS_STREAM
-        return self._clock.now_s() - self.setpoint_s if by_client and flies else 0.0
+        needed = self.autopilot.NEEDS_STREAM and (self._in_offboard or not self._was_in_offboard)
+        return self._clock.now_s() - self.setpoint_s if by_client and needed else 0.0
+
+    @property
+    def _in_offboard(self) -> bool:
+        return self.autopilot.armed and self.autopilot.mode is NavMode.OFFBOARD
 
     def track(self) -> TruthTrack:
         """Return the true track so far."""

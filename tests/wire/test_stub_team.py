@@ -171,30 +171,30 @@ def test_a_program_of_its_own_joins_the_clock() -> None:
             assert team[1].truth().time_s - began_s == pytest.approx(50.0, abs=1.0)
 
 
-def offboard_by(link: Any, team: cordon.StubTeam) -> None:
-    """Arm a vehicle in offboard, and let it stream setpoints at every call of a condition."""
-    stream(link)
-    link.mav.command_long_send(1, 1, 176, 0, 1, 6, 0, 0, 0, 0, 0)
-    link.mav.command_long_send(1, 1, 400, 0, 1, 0, 0, 0, 0, 0, 0)
-
-
 def stream(link: Any) -> None:
     link.mav.set_position_target_local_ned_send(0, 1, 1, 1, 0b1101_1111_1000, 0, 0, -6.0, 0, 0, 0, 0, 0, 0, 0, 0)
 
 
 def test_the_time_waits_for_a_slow_stream_of_setpoints_and_no_longer_once_it_ends() -> None:
-    with cordon.stubs("case2", 1, speed=inf) as team, client(team[1]) as link:
+    with cordon.stubs("case2", 1) as team, client(team[1]) as link:
         link.wait_heartbeat()
-        offboard_by(link, team)
-        until_now(lambda: team[1].truth().armed, "the command")
-        modes, end_s = set(), time.monotonic() + 3.0
-        with cordon.LockstepClient(team[1].port, speed=inf) as clock:
+        with cordon.LockstepClient(team[1].port, speed=inf):
+            stream(link)
+            time.sleep(0.3)  # by then offboard would no longer be possible
+            link.mav.command_long_send(1, 1, 176, 0, 1, 6, 0, 0, 0, 0, 0)
+            link.mav.command_long_send(1, 1, 400, 0, 1, 0, 0, 0, 0, 0, 0)
+            until_now(lambda: team[1].truth().armed, "the command")
+            modes, end_s = set(), time.monotonic() + 3.0
             while time.monotonic() < end_s:  # five setpoints a second, by the wall
                 stream(link)
                 time.sleep(0.2)
                 modes.add(team[1].truth().mode)
-            clock.until(lambda: team[1].truth().mode == "Return", "the failsafe of PX4", 5.0)
-        assert modes == {"Offboard"}
+            assert modes == {"Offboard"}
+            stopped_s = team[1].truth().time_s
+            returned_s = team.wait_until(lambda: team[1].truth().mode == "Return", within_s=5.0)
+        assert returned_s - stopped_s == pytest.approx(1.1 - 0.5, abs=0.2), (
+            "the failsafe of PX4, of which half has passed"
+        )
 
 
 def stub_of(process_id: int) -> psutil.Process | None:

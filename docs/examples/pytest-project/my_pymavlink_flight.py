@@ -15,9 +15,9 @@ def fly(url: str, north_m: float, east_m: float, height_m: float) -> None:
     try:
         link.wait_heartbeat()
         place_m = (north_m, east_m, -height_m)
-        send_setpoint(link, place_m)  # PX4 accepts offboard once setpoints arrive
-        command(link, mavlink.MAV_CMD_DO_SET_MODE, *PX4_OFFBOARD)
-        command(link, mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1)
+        # PX4 is in offboard, and arms there, only while setpoints arrive.
+        command(link, mavlink.MAV_CMD_DO_SET_MODE, *PX4_OFFBOARD, place_m=place_m)
+        command(link, mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1, place_m=place_m)
         while dist(position_m(link), place_m) > 0.3:
             send_setpoint(link, place_m)
         command(link, mavlink.MAV_CMD_NAV_LAND)
@@ -27,10 +27,15 @@ def fly(url: str, north_m: float, east_m: float, height_m: float) -> None:
         link.close()
 
 
-def command(link, number, *parameters):
-    """Send a command until it is accepted, and read all messages meanwhile: unread ones would fill the socket."""
+def command(link, number, *parameters, place_m=None):
+    """Send a command, after a setpoint if there is one, until it is accepted.
+
+    All messages are read meanwhile: unread ones would fill the socket, and the answer would be lost.
+    """
     padded = (*parameters, *[0.0] * 7)[:7]
     while True:
+        if place_m is not None:
+            send_setpoint(link, place_m)
         link.mav.command_long_send(link.target_system, link.target_component, number, 0, *padded)
         answer = link.recv_match(
             condition=f"COMMAND_ACK.command == {number}", type="COMMAND_ACK", blocking=True, timeout=1.0

@@ -21,7 +21,7 @@ def test_three_vehicles_fly_to_their_places_and_land(cordon_stubs):
             closest_m.append(min(dist(one, other) for one, other in combinations(places_m, 2)))
             return all(flight.done() and flight.result() is None for flight in flights)  # raises what ended a flight
 
-        await team.until(all_landed, within_s=300.0)
+        await team.until(all_landed, within_s=900.0)
 
     asyncio.run(scenario())
     assert max(heights_m) > 4.5
@@ -37,7 +37,7 @@ def test_a_vehicle_whose_link_is_cut_returns(cordon_stubs):
 
     async def scenario():
         flight = asyncio.create_task(fly(team[1].url, 30.0, 0.0, 5.0))
-        await team.until(lambda: flight.done() or team[1].truth().ned_m[0] > 5.0, within_s=300.0)
+        await team.until(lambda: flight.done() or team[1].truth().ned_m[0] > 5.0, within_s=900.0)
         assert team[1].truth().mode == "Offboard"
         team.inject(1, "link-cut")
         await team.until(lambda: team[1].truth().mode == "Return", within_s=5.0)

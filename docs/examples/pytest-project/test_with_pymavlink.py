@@ -30,7 +30,7 @@ def test_three_vehicles_fly_to_their_places_and_land(cordon_stubs):
         heights_m.append(min(vehicle.truth().position_m[2] for vehicle in team))
         return all(flight.done() and flight.result() is None for flight in flights)  # raises what ended a flight
 
-    team.wait_until(all_landed, within_s=300.0)
+    team.wait_until(all_landed, within_s=900.0)
     assert max(heights_m) > 4.5
     for vehicle in team:
         state = vehicle.truth()
