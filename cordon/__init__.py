@@ -12,6 +12,7 @@ from cordon.package_names import shadowed, shared
 if TYPE_CHECKING:
     from agents.control.plan import Plan as Plan
     from agents.control.plan import TaskPlanner as TaskPlanner
+    from agents.ports import VehicleRefusedError as VehicleRefusedError
     from agents.settings.config import AgentConfig as AgentConfig
     from agents.situation.task import Task as Task
     from cordon.channels import VehicleChannels as VehicleChannels
@@ -24,6 +25,9 @@ if TYPE_CHECKING:
     from cordon.simulation import TargetPath as TargetPath
     from cordon.simulation import load as load
     from cordon.simulation import simulate as simulate
+    from cordon.stub_team import StubTeam as StubTeam
+    from cordon.stub_team import stubs as stubs
+    from cordon.stub_vehicle import StubVehicle as StubVehicle
     from cordon.sweep_result import SweepResult as SweepResult
     from cordon.sweeping import sweep as sweep
     from estimation.plant.model import Plant as Plant
@@ -38,6 +42,7 @@ if TYPE_CHECKING:
     from gcs.mission.mission import Mission as Mission
     from gcs.sweep.draws import Draw as Draw
     from gcs.sweep.draws import Range as Range
+    from sitl.server.true_state import TrueState as TrueState
     from sitl.vehicle.plant_step import StepFunction as StepFunction
 
 _HOMES = {
@@ -60,15 +65,20 @@ _HOMES = {
     "Range": "gcs.sweep.draws",
     "ReactingTarget": "cordon.simulation",
     "StepFunction": "sitl.vehicle.plant_step",
+    "StubTeam": "cordon.stub_team",
+    "StubVehicle": "cordon.stub_vehicle",
     "SweepResult": "cordon.sweep_result",
     "TargetPath": "cordon.simulation",
     "Task": "agents.situation.task",
     "TaskPlanner": "agents.control.plan",
+    "TrueState": "sitl.server.true_state",
     "VehicleChannels": "cordon.channels",
+    "VehicleRefusedError": "agents.ports",
     "identify": "cordon.identification",
     "load": "cordon.simulation",
     "read": "cordon.reading",
     "simulate": "cordon.simulation",
+    "stubs": "cordon.stub_team",
     "sweep": "cordon.sweeping",
 }
 """Where each public name is defined."""

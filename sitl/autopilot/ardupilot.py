@@ -11,6 +11,7 @@ from dataclasses import replace
 from functools import cached_property
 from math import inf
 
+from estimation.frames import Triple
 from sitl.autopilot.airframe import STEP_S
 from sitl.autopilot.autopilot import MavResult, Severity, StubAutopilot
 from sitl.autopilot.dialect import LEVEL, Dialect, EstimatorState, TrueMotion
@@ -168,6 +169,11 @@ class ArduCopter(StubAutopilot):
         x, y, _ = self.airframe.position_m
         self._applied = PositionTarget((x, y, altitude_m))
         return MavResult.ACCEPTED
+
+    def go_to(self, position_m: Triple) -> MavResult:
+        """Fly to a mission position in GUIDED; from the ground it takes off first, and needs the setpoint again."""
+        result = super().go_to(position_m)
+        return self.take_off(position_m[2]) if result is MavResult.ACCEPTED and self.landed else result
 
     def receive_setpoint(self, time_s: float, target: PositionTarget) -> None:
         """Take a setpoint that arrived at `time_s`; outside GUIDED and on the ground it is ignored."""

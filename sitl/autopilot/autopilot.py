@@ -89,6 +89,7 @@ class StubAutopilot:
     DIALECT: ClassVar[Dialect]
     TABLE: ClassVar[ParameterTable]
     BOOT_MODE: ClassVar[NavMode]
+    NEEDS_STREAM: ClassVar[bool] = False
     ARMED_TEXT: ClassVar[str]
     DISARMED_TEXT: ClassVar[str]
     TAKE_OFF_TEXT: ClassVar[str | None] = None
@@ -223,6 +224,11 @@ class StubAutopilot:
         if result is MavResult.ACCEPTED:
             self._send_text(self.LAND_TEXT)
         return result
+
+    def go_to(self, position_m: Triple) -> MavResult:
+        """Fly to a mission position in offboard, which needs further setpoints; from the ground it takes off."""
+        self.receive_setpoint(self.time_s, PositionTarget(position_m))
+        return self.select(NavMode.OFFBOARD)
 
     def receive_setpoint(self, time_s: float, target: PositionTarget) -> None:
         """Take an offboard setpoint that arrived at `time_s`; it acts once the plant's delay has passed."""

@@ -113,6 +113,7 @@ class Px4(StubAutopilot):
     )
     TABLE = ParameterTable(DEFAULTS, _limits)
     BOOT_MODE = NavMode.HOLD  # without a remote control
+    NEEDS_STREAM = True
     ARMED_TEXT = "Armed by external command"
     DISARMED_TEXT = "Disarmed by {reason}"
     TAKE_OFF_TEXT = "Takeoff detected"

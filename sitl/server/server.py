@@ -13,15 +13,18 @@ from estimation.plant.model import Plant
 from estimation.profile.autopilots import DEFAULT, AutopilotName
 from estimation.state import Telemetry, Vector
 from sitl.autopilot.airframe import STEP_S
-from sitl.autopilot.autopilot import Battery, Positioning, autopilot_named
+from sitl.autopilot.autopilot import Battery, MavResult, Positioning, autopilot_named
+from sitl.autopilot.guidance import PositionTarget
 from sitl.autopilot.modes import NavMode
 from sitl.autopilot.parameters import Value
-from sitl.faults import VehicleFaults, VehicleInjection
+from sitl.faults import VehicleFaults, VehicleInjection, shifted
 from sitl.mavlink.protocol import MavlinkVehicle
 from sitl.mavlink.reports import EstimatorNoise, MavlinkConfig
 from sitl.mavlink.signing import SigningKey
 from sitl.server.endpoint import LOOPBACK, Endpoint, StubClock, bound
 from sitl.server.governed_clock import GovernedClock, MotionTransit, SetpointTransit
+from sitl.server.setpoint_stream import SetpointStream
+from sitl.server.true_state import TrueState
 
 WAKE_PERIOD_S = 0.004
 """The shortest wall time between two updates by the wall's clock: at high speed an update takes several steps."""
@@ -52,7 +55,8 @@ class StubConfig:
     external positions. `port` is its own port for clients; 0 is any. `parameters` are values that differ from the
     firmware's defaults. With a `signing_key` it accepts signed messages only, and signs its own. A `uid` and SYS_HITL
     among its `parameters` make it look like a board. With a `height_error_m` its heights are off from the start, as the
-    altitudes of GPS receivers are; clearing its faults ends that.
+    altitudes of GPS receivers are; clearing its faults ends that. If it `awaits_stream`, a governed
+    time waits for the setpoints of a client that is no participant: a busy computer does not end its offboard flight.
     """
 
     vehicle_id: int
@@ -75,6 +79,7 @@ class StubConfig:
     parameters: Mapping[str, Value] = field(default_factory=dict)
     signing_key: SigningKey | None = None
     uid: int | None = None
+    awaits_stream: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -167,6 +172,9 @@ class Stub:
         """How many setpoints have arrived."""
         self.setpoint_s = -inf
         """When the newest arrived, on the common clock."""
+        self._origin_m = origin_m
+        self._goal_m: Triple | None = None
+        self._was_in_offboard = False
         self._pace = pace
         self._clock = clock
         self._truth: list[tuple[float, ...]] = []
@@ -176,18 +184,23 @@ class Stub:
         if isinstance(clock, GovernedClock):
             self._motions, self._setpoints = clock.motions(config.vehicle_id), clock.setpoints(config.vehicle_id)
             clock.expect(self)
+            if config.awaits_stream:
+                clock.expect(SetpointStream(self._stream_age_s))
 
     def advance(self, steps: range) -> None:
         """Take the steps one by one, record the truth, and send the messages that are due."""
         packets: list[bytes] = []
         (wind_x, wind_y), (push_x, push_y) = self.config.wind_m_s2, self.faults.push_m_s2
         for step in steps:
+            if self._goal_m is not None and step % TRUTH_STEPS == 0:
+                self._fly_on(self._goal_m)
             self.autopilot.step(step * STEP_S, (wind_x + push_x, wind_y + push_y))
             packets += self._vehicle.emit(self.autopilot.time_s)
             if step % TRUTH_STEPS == 0:
                 airframe = self.autopilot.airframe
                 clock_s = self.autopilot.time_s + self._pace.clock_offset_s
                 self._truth.append((clock_s, *airframe.position_m, *airframe.velocity_m_s))
+        self._was_in_offboard = self._was_in_offboard or self._in_offboard
         motion, self._motion = self._motion, None
         self.endpoint.send(packets, lambda: self._note_sent(motion))
 
@@ -205,7 +218,7 @@ class Stub:
 
     def on_setpoint(self, ned: tuple[float, float, float]) -> None:
         """Take the position in NED of a setpoint that has arrived."""
-        self.setpoints, self.setpoint_s = self.setpoints + 1, self._clock.now_s()
+        self.setpoints, self.setpoint_s, self._goal_m = self.setpoints + 1, self._clock.now_s(), None
         if self._setpoints is not None:
             self._setpoints.take(*ned)
 
@@ -230,6 +243,66 @@ class Stub:
             self.autopilot.battery_fraction = injection.battery_fraction
         if injection.selects_hold:
             self.autopilot.select(NavMode.HOLD)
+
+    def arm(self) -> str:
+        """Arm as by a command of its client; return why it refused, empty if it is armed."""
+        if self.autopilot.arm() is MavResult.ACCEPTED:
+            return ""
+        return f"it does not arm in mode {self.autopilot.mode.value}"
+
+    def go_to(self, position_m: Triple) -> str:
+        """Fly to a mission position in offboard, until a client sends a setpoint or selects another mode.
+
+        Return why it refused, empty if it flies.
+        """
+        if not self.autopilot.armed:
+            return "it is not armed"
+        if self.autopilot.go_to(self._aim_m(position_m)) is not MavResult.ACCEPTED:
+            return f"it does not leave mode {self.autopilot.mode.value}"
+        self._goal_m = position_m
+        return ""
+
+    def clear(self) -> str:
+        """Clear all of its faults; it has none to refuse that."""
+        self.faults.clear()
+        return ""
+
+    def state(self) -> TrueState:
+        """Return the true state now."""
+        autopilot, frame = self.autopilot, self.config.frame
+        x, y, z = self._origin_m
+        position_m, velocity_m_s = autopilot.airframe.position_m, autopilot.airframe.velocity_m_s
+        return TrueState(
+            autopilot.time_s,
+            position_m,
+            velocity_m_s,
+            frame.ned_from_mission(shifted(position_m, (-x, -y, -z))),
+            frame.ned_from_mission(velocity_m_s),
+            autopilot.armed,
+            autopilot.mode.value,
+        )
+
+    def _fly_on(self, goal_m: Triple) -> None:
+        """Send the setpoint to the goal again, unless its mode was changed."""
+        if self.autopilot.mode is NavMode.OFFBOARD:
+            self.autopilot.receive_setpoint(self.autopilot.time_s, PositionTarget(self._aim_m(goal_m)))
+        else:
+            self._goal_m = None
+
+    def _aim_m(self, goal_m: Triple) -> Triple:
+        """Return the goal in its own estimate, to which it flies."""
+        x, y, z = self.faults.offset_m
+        return shifted(goal_m, (-x, -y, -z))
+
+    def _stream_age_s(self) -> float:
+        """Return the age of its client's newest setpoint while offboard needs these or is about to, else 0."""
+        by_client = self._goal_m is None and self.setpoints > 0 and not self.faults.link_cut
+        needed = self.autopilot.NEEDS_STREAM and (self._in_offboard or not self._was_in_offboard)
+        return self._clock.now_s() - self.setpoint_s if by_client and needed else 0.0
+
+    @property
+    def _in_offboard(self) -> bool:
+        return self.autopilot.armed and self.autopilot.mode is NavMode.OFFBOARD
 
     def track(self) -> TruthTrack:
         """Return the true track so far."""

@@ -35,6 +35,12 @@ def test_importing_cordon_imports_nothing_heavy() -> None:
     assert done.stdout == "[]\n"
 
 
+def test_the_pytest_plugin_imports_nothing_heavy() -> None:
+    program = f"import sys, cordon.pytest_plugin; print([name for name in {HEAVY[:-1]} if name in sys.modules])"
+    done = subprocess.run([sys.executable, "-W", "error", "-c", program], capture_output=True, text=True, check=True)
+    assert done.stdout == "[]\n"
+
+
 def test_a_simulation_imports_no_figure_no_frame_and_no_log() -> None:
     heavy = ("matplotlib", "pandas", "foxglove", "mavsdk", "zenoh")
     program = f"import sys, cordon; cordon.simulate; print([name for name in {heavy} if name in sys.modules])"

@@ -226,10 +226,11 @@ def flown(draw: Draw, duration_s: float | None = None) -> Flown:
     seed, imperfections = mission.mission.seed, {key: each.imperfections for key, each in draw.family.items()}
     vehicles = simulated_vehicles(mission, seed, imperfections=imperfections)
     flight = observed(mission, seed, observe, duration_s=duration_s, vehicles=vehicles)
-    return _judged(draw, flight, on_ring=set(tactics) == {"encircle"})
+    return judged(draw, flight, on_ring=set(tactics) == {"encircle"})
 
 
-def _judged(draw: Draw, flight: SimulatedFlight, *, on_ring: bool) -> Flown:
+def judged(draw: Draw, flight: SimulatedFlight, *, on_ring: bool) -> Flown:
+    """Evaluate a flight of a draw after settling, on its true paths."""
     target, ring = draw.mission.target.motion, draw.mission.encirclement
     late = flight.time_s >= draw.settled_s
     time_s = flight.time_s[late]

@@ -64,24 +64,25 @@ def _unquoted(annotation: ast.expr) -> str:
     return ast.unparse(annotation).strip("'")
 
 
-def _methods(node: ast.ClassDef) -> Iterator[ast.FunctionDef]:
+def _methods(node: ast.ClassDef) -> Iterator[ast.FunctionDef | ast.AsyncFunctionDef]:
     for each in node.body:
-        if isinstance(each, ast.FunctionDef) and not each.name.startswith("_"):
+        if isinstance(each, ast.FunctionDef | ast.AsyncFunctionDef) and not each.name.startswith("_"):
             yield each
 
 
-def _call(node: ast.FunctionDef, indent: str) -> Iterator[str]:
+def _call(node: ast.FunctionDef | ast.AsyncFunctionDef, indent: str) -> Iterator[str]:
     """Return a function's signature, an argument to a line where it is long; a property's without arguments."""
     returns = f" -> {_unquoted(node.returns)}" if node.returns else ""
     if any("property" in ast.unparse(each) for each in node.decorator_list):
         yield f"{indent}{node.name}{returns}"
         return
     arguments = [each for each in _arguments(node.args) if each not in ("self", "cls")]
-    line = f"{indent}{node.name}({', '.join(arguments)}){returns}"
+    name = f"{'async ' * isinstance(node, ast.AsyncFunctionDef)}{node.name}"
+    line = f"{indent}{name}({', '.join(arguments)}){returns}"
     if len(line) <= _LINE_MAX:
         yield line
         return
-    yield f"{indent}{node.name}("
+    yield f"{indent}{name}("
     yield from (f"{indent}    {each}," for each in arguments)
     yield f"{indent}){returns}"
 
@@ -102,5 +103,5 @@ def _argument(argument: ast.arg, default: ast.expr | None) -> str:
     return ast.unparse(argument) + (f" = {ast.unparse(default)}" if default else "")
 
 
-def _summary(node: ast.FunctionDef) -> str:
+def _summary(node: ast.FunctionDef | ast.AsyncFunctionDef) -> str:
     return " ".join((ast.get_docstring(node) or "").partition("\n\n")[0].split()).replace("|", "\\|")

@@ -165,3 +165,14 @@ FAULTS: tuple[Fault, ...] = (
     Fault("frozen interpreter", _of_team(lambda _: TeamFaults(hang="interpreter")), of_team=True),
 )
 _BY_OPTION: Mapping[str, Fault] = {fault.option.lower(): fault for fault in FAULTS}
+
+
+def vehicle_injections(scene: TeamInFlight) -> dict[str, VehicleInjection]:
+    """Return the faults that affect the subject alone, by their options: the injection of each into the subject."""
+    possible = [fault for fault in FAULTS if fault.vehicles_min <= len(scene.airborne)]
+    injections = {fault.option: fault.inject(scene) for fault in possible}
+    return {
+        option: made.vehicles[scene.subject]
+        for option, made in injections.items()
+        if scene.subject in made.vehicles and made == Injection(vehicles=made.vehicles)
+    }
