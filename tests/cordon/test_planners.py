@@ -154,6 +154,7 @@ def test_a_plan_may_hold_tuples() -> None:
 def test_values_are_kept_where_the_slew_limit_or_the_guard_moves_the_aim() -> None:
     """All are sent to one place at once, far from where they are."""
     flown = cordon.simulate("case1", duration_s=6.0, planner=lambda _: Planning(at_rest(values={"a": 1.0})))  # type: ignore[arg-type,return-value]
+    assert flown.record.guard is not None
     assert flown.record.guard.interventions > 0
     for channels in flown.vehicles.values():
         np.testing.assert_array_equal(channels.values["a"][10:], 1.0)
