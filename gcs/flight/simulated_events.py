@@ -2,10 +2,10 @@
 
 from collections import deque
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, replace
 from itertools import combinations
 from math import inf, isfinite
-from typing import get_args
+from typing import Any, get_args
 
 import numpy as np
 
@@ -97,6 +97,7 @@ class SimulatedEvents:
     ) -> None:
         """Check them; raises InputError with every fault."""
         self._mission, self._links = mission, links
+        events = [_plain(event) for event in events]
         faults = [fault for event in events for fault in _faults(mission, event, duration_s)]
         faults += _link_faults(mission, links or {})
         if faults:
@@ -155,6 +156,22 @@ class SimulatedEvents:
             if each.vehicle in (None, vehicle_id) and each.from_s <= now_s < each.until_s
         ]
         return sum(x for x, _ in acting), sum(y for _, y in acting)
+
+
+def _plain(event: Any) -> Any:
+    """Return an event with Python's own numbers and tuples in place of numpy's: drawn values are often numpy's."""
+    if not isinstance(event, SimulationEvent):
+        return event
+    given = {each.name: getattr(event, each.name) for each in fields(event)}
+    return replace(event, **{name: _without_numpy(value) for name, value in given.items()})
+
+
+def _without_numpy(value: Any) -> Any:
+    if isinstance(value, np.ndarray):
+        value = tuple(value)
+    if isinstance(value, tuple | list):
+        return tuple(map(_without_numpy, value))
+    return value.item() if isinstance(value, np.generic) else value
 
 
 def _faults(mission: Mission, event: object, duration_s: float) -> Iterator[str]:

@@ -3,6 +3,7 @@
 import re
 from math import exp
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -69,6 +70,19 @@ def test_a_disturbance_pushes_as_the_plant_says(mission: cordon.Mission) -> None
     for vehicle in (1, 2):
         np.testing.assert_array_equal(pushed.vehicles[vehicle].position_m[:52], still.vehicles[vehicle].position_m[:52])
     np.testing.assert_array_equal(pushed.vehicles[3].position_m[:51], still.vehicles[3].position_m[:51])
+
+
+def test_drawn_values_may_be_numpys(mission: cordon.Mission) -> None:
+    plain: list[Any] = [Absent(2, 3.0), Disturbance(1.0, (1.0, 0.5), 2.0, 3), MessageLoss(2.0, 0.5, 3.0, 1)]
+    one, two, three = [*np.array([1, 2, 3])]
+    drawn: list[Any] = [
+        Absent(two, np.float64(3.0)),
+        Disturbance(one, np.array([1.0, 0.5]), two, three),  # type: ignore[arg-type]
+        MessageLoss(two, np.float64(0.5), np.float64(3.0), one),
+    ]
+    flown, other = (cordon.simulate(mission, seed=SEED, duration_s=5.0, events=each) for each in (plain, drawn))
+    for vehicle in flown.vehicles:
+        np.testing.assert_array_equal(flown.vehicles[vehicle].position_m, other.vehicles[vehicle].position_m)
 
 
 def test_commands_are_carried_out_at_their_times(mission: cordon.Mission) -> None:
