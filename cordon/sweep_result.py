@@ -55,7 +55,7 @@ class SweepResult:
         of_flights = columns(rows.values())
         own = [Column(name, float, "metric given", drawn=True) for name in study.metrics]
         last = [] if study.series is None else [Column("series", str, "file of the run's channels")]
-        known = {*(name for row in rows.values() for name in row), *(each.name for each in RUN)}
+        known = {*(name for row in rows.values() for name in row), *(each.name for each in RUN), *study.metrics}
         all_columns = (*given, *(each for each in (*of_flights, *own, *last) if each.name in known))
         table = {each.name: _array(each, full) for each in all_columns}
         return cls(table, study, all_columns, tuple(full), tuple(indexes), counts)

@@ -179,6 +179,12 @@ def test_given_draws_share_seeds_and_random_numbers() -> None:
     assert len({one, later, plants}) == 3
 
 
+def test_a_given_metric_without_a_value_is_a_column_of_nan() -> None:
+    found = cordon.sweep("case1", duration_s=1.0, metrics={"never_s": lambda _: np.nan}, jobs=1)
+    assert np.isnan(found.table["never_s"]).all()
+    assert found.summary().splitlines()[1].endswith("–")
+
+
 def test_a_run_that_fails_is_a_row_with_its_error() -> None:
     with pytest.warns(UserWarning, match=r"1 run failed: .*radius"):
         found = cordon.sweep("case1", vary={RADIUS: [10.0, -3.0]}, sampling="grid", duration_s=1.0, jobs=1)
