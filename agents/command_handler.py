@@ -171,6 +171,10 @@ class CommandHandler:
         self._unanswered.clear()
         return answers
 
+    def answer(self, key: CommandKey, now_s: float) -> CommandAnswer | None:
+        """Return the newest answer to a command, None before it was taken."""
+        return self._answer(*self._done[key], now_s) if key in self._done else None
+
     def _answer(self, command: OperatorCommand, answer: _Answer, now_s: float) -> CommandAnswer:
         verb, origin = command.verb, command.origin
         return CommandAnswer(self._vehicle_id, now_s, command.number, answer.did, verb, origin, answer.outcome)

@@ -19,6 +19,8 @@ if TYPE_CHECKING:
     from cordon.flight import Flight as Flight
     from cordon.identification import Identified as Identified
     from cordon.identification import identify as identify
+    from cordon.live_flight import LiveFlight as LiveFlight
+    from cordon.live_flight import fly as fly
     from cordon.lockstep import LockstepClient as LockstepClient
     from cordon.reading import read as read
     from cordon.simulation import ReactingTarget as ReactingTarget
@@ -32,12 +34,15 @@ if TYPE_CHECKING:
     from cordon.sweeping import sweep as sweep
     from estimation.plant.model import Plant as Plant
     from estimation.plant.model import PlantAxis as PlantAxis
+    from gcs.console.command_client import CommandResult as CommandResult
     from gcs.errors import InputError as InputError
+    from gcs.flight.live.exchange import LiveVehicle as LiveVehicle
     from gcs.flight.simulated_events import Absent as Absent
     from gcs.flight.simulated_events import Commanded as Commanded
     from gcs.flight.simulated_events import Disturbance as Disturbance
     from gcs.flight.simulated_events import Link as Link
     from gcs.flight.simulated_events import MessageLoss as MessageLoss
+    from gcs.metrics.record import FlightEvent as FlightEvent
     from gcs.metrics.result import FlightResult as FlightResult
     from gcs.mission.mission import Mission as Mission
     from gcs.sweep.draws import Draw as Draw
@@ -49,13 +54,17 @@ _HOMES = {
     "Absent": "gcs.flight.simulated_events",
     "AgentConfig": "agents.settings.config",
     "Commanded": "gcs.flight.simulated_events",
+    "CommandResult": "gcs.console.command_client",
     "Disturbance": "gcs.flight.simulated_events",
     "Draw": "gcs.sweep.draws",
     "Flight": "cordon.flight",
+    "FlightEvent": "gcs.metrics.record",
     "FlightResult": "gcs.metrics.result",
     "Identified": "cordon.identification",
     "InputError": "gcs.errors",
     "Link": "gcs.flight.simulated_events",
+    "LiveFlight": "cordon.live_flight",
+    "LiveVehicle": "gcs.flight.live.exchange",
     "LockstepClient": "cordon.lockstep",
     "MessageLoss": "gcs.flight.simulated_events",
     "Mission": "gcs.mission.mission",
@@ -74,6 +83,7 @@ _HOMES = {
     "TrueState": "sitl.server.true_state",
     "VehicleChannels": "cordon.channels",
     "VehicleRefusedError": "agents.ports",
+    "fly": "cordon.live_flight",
     "identify": "cordon.identification",
     "load": "cordon.simulation",
     "read": "cordon.reading",

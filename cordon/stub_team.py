@@ -5,11 +5,12 @@ from contextlib import ExitStack, suppress
 from dataclasses import replace
 from functools import partial
 from math import inf
-from numbers import Integral, Real
+from numbers import Real
 from pathlib import Path
 from typing import Self
 
 from agents.ports import VehicleRefusedError
+from cordon.arguments import is_whole
 from cordon.lockstep import LockstepClient
 from cordon.simulation import load
 from cordon.stub_vehicle import StubVehicle
@@ -201,11 +202,11 @@ def stubs(
     mission = mission if isinstance(mission, Mission) else load(mission)
     most = len(mission.ids)
     faults = []
-    if not (vehicles is None or (_is_whole(vehicles) and 1 <= vehicles <= most)):
+    if not (vehicles is None or (is_whole(vehicles) and 1 <= vehicles <= most)):
         faults.append(f"vehicles: it must be from 1 to {most}, which the mission has (given: {vehicles!r})")
     if not (isinstance(speed, Real) and speed > 0.0):
         faults.append(f"speed: it must be a positive number (given: {speed!r})")
-    if not (seed is None or (_is_whole(seed) and seed >= 0)):
+    if not (seed is None or (is_whole(seed) and seed >= 0)):
         faults.append(f"seed: it must be a whole number, not negative (given: {seed!r})")
     if faults:
         raise InputError(faults)
@@ -213,10 +214,6 @@ def stubs(
     configs = stub_configs(mission, dict(zip(ids, free_ports(len(ids)), strict=True)))
     drawn = mission.mission.seed if seed is None else int(seed)
     return StubTeam(mission, [replace(each, seed=drawn, awaits_stream=True) for each in configs], float(speed))
-
-
-def _is_whole(value: object) -> bool:
-    return isinstance(value, Integral) and not isinstance(value, bool)
 
 
 def _require_positive(name: str, value: object) -> None:

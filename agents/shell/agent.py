@@ -31,7 +31,16 @@ from agents.shell.start_agreement import StartAgreement
 from agents.shell.ticker import TickerStatistics
 from agents.tactics import Event, Tactic
 from agents.team import external_positions
-from agents.team.messages import LINK_SILENT_S, START_BLOCKERS_LIMIT, BusMessage, OperatorCommand, Outlook
+from agents.team.messages import (
+    LINK_SILENT_S,
+    START_BLOCKERS_LIMIT,
+    BusMessage,
+    CommandAnswer,
+    CommandedRing,
+    CommandKey,
+    OperatorCommand,
+    Outlook,
+)
 from agents.team.text import printable
 from estimation.state import Sighting, Telemetry
 
@@ -260,6 +269,15 @@ class Agent:
         self._core.take(AutopilotStatus(self._link.status))
         self._core.take(Command(self._clock.now_s(), command))
         self._act_on_commands()
+
+    def answer(self, key: CommandKey) -> CommandAnswer | None:
+        """Return its newest answer to a command, None before it has taken it."""
+        return self._core.commands.answer(key, self._clock.now_s())
+
+    @property
+    def commanded_rings(self) -> tuple[CommandedRing, ...]:
+        """The values of the mission's rings that operators commanded last, in order, as it has received them."""
+        return tuple(self._core.commands.commanded_rings)
 
     def see(self, sighting: Sighting) -> None:
         """Take a sighting from outside the team."""

@@ -8,7 +8,7 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
-from gcs.cli.options import RESULT, Json, MissionName, file_or_folder, loaded_mission, only_simulated
+from gcs.cli.options import RESULT, Json, MissionName, file_or_folder, loaded_mission
 from gcs.errors import Exit, InputError
 from gcs.flight.faults.names import OPTIONS
 
@@ -50,6 +50,7 @@ def drill(options: DrillOptions) -> Exit:
     from gcs.drill.run import DrillProgress, DrillRun, drill_table, drills_json
     from gcs.drill.stubs import StubFlight
     from gcs.mission.planner import require_loaded
+    from gcs.mission.simulation import only_simulated
 
     drills, mission = chosen(options.fault), loaded_mission(options.mission)
     require_loaded(mission, None, "cordon drill")

@@ -14,7 +14,6 @@ from gcs.cli.options import (
     Speed,
     bus_mission,
     chosen_vehicle,
-    require_governed,
 )
 from gcs.errors import Exit
 from gcs.metrics.json_output import json_output
@@ -64,6 +63,7 @@ def _excite(options: ExciteOptions) -> Exit:
     from gcs.flight.excitation import preview_dict, preview_view
     from gcs.flight.plan import FlightPlan
     from gcs.flight.recording import RecordingOptions
+    from gcs.flight.request import require_governed
     from gcs.flight.run import run_flight
     from gcs.mission.file import excitation_mission
 

@@ -25,7 +25,6 @@ from gcs.cli.options import (
     StationTiles,
     bus_mission,
     chosen_vehicle,
-    require_governed,
     require_station,
     stub_ids,
 )
@@ -191,37 +190,25 @@ def _ask_for_propellers() -> bool:
 
 def _fly(options: FlyOptions) -> Exit:
     from gcs.cli.output import check_plot, present
-    from gcs.flight.faults.schedule import scheduled_faults
-    from gcs.flight.plan import FlightPlan
     from gcs.flight.recording import RecordingOptions
+    from gcs.flight.request import FlightRequest
     from gcs.flight.run import run_flight
-    from gcs.flight.stubs import lockstep_clock
-    from gcs.mission.planner import planner_of
 
     check_plot(options.plot, options.figure)
     mission = bus_mission(options.mission, options.changes)
-    stubs = () if options.sitl is None else stub_ids(options.sitl, mission)
-    if stubs and options.only is not None:
-        raise InputError(["--only: with --sitl all vehicles fly in this process; use `cordon sitl` for the stubs"])
-    if options.fault and not stubs:
-        raise InputError(["--fault: it needs --sitl: faults are injected into stub vehicles only"])
-    clock = None if stubs else lockstep_clock(mission)
-    waits = len(stubs) == len(mission.ids) or clock is not None
-    require_governed(options.speed, only_stubs=waits, advice="it needs --sitl, or `cordon sitl --lockstep`")
-    only = None if options.only is None else chosen_vehicle(mission, options.only, "--only")
-    duration_s = options.duration or mission.mission.duration_s
-    plan = FlightPlan(
-        mission,
-        duration_s,
-        mission.vehicles if only is None else (only,),
-        options.speed or (1.0 if stubs else None),
-        stubs,
+    if options.only is not None:
+        chosen_vehicle(mission, options.only, "--only")
+    request = FlightRequest(
+        mission=mission,
+        stubs=() if options.sitl is None else stub_ids(options.sitl, mission),
+        only=options.only,
+        speed=options.speed,
+        duration_s=options.duration,
+        faults=options.fault,
         wait_s=options.wait,
-        bench=options.bench,
         awaits_start=options.wait_for_start,
-        faults=scheduled_faults(options.fault, mission, duration_s, stubs),
-        clock=clock,
-        planner=planner_of(mission, allowed=options.allow_plugins),
+        bench=options.bench,
+        allow_plugins=options.allow_plugins,
     )
     live_address = (options.live_address or _LIVE_ADDRESS) if options.live else None
     recording = RecordingOptions(options.log, options.recorded, options.only, live_address, options.live_origin)
@@ -229,4 +216,4 @@ def _fly(options: FlyOptions) -> Exit:
     def judge(record: "FlightRecord") -> Exit:
         return present(mission, record, json=options.json, plot=options.plot, figure=options.figure)
 
-    return run_flight(plan, recording, judge)
+    return run_flight(request.plan(), recording, judge)

@@ -86,12 +86,6 @@ def _speed(_kind: object, tokens: "Sequence[Token]") -> float:
     return speed
 
 
-def require_governed(speed: float | None, *, only_stubs: bool, advice: str) -> None:
-    """Raise InputError for a speed that only the computer limits, unless every vehicle is a stub."""
-    if speed == inf and not only_stubs:
-        raise InputError([f"--speed {AS_FAST_AS_POSSIBLE}: {advice}"])
-
-
 Speed = Annotated[
     float | None,
     Parameter(
@@ -196,14 +190,6 @@ def loaded_mission(name: str, changes: Sequence[str] = ()) -> "Mission":
     return load_mission(name, dict(map(override, changes)))
 
 
-def only_simulated(mission: "Mission") -> list[str]:
-    """Return why only `cordon sim` flies a mission; none if other verbs do, too."""
-    if mission.target.evades is None:
-        return []
-    why = "the target reacts to the true positions of all vehicles, which only `cordon sim` and `cordon sweep` know"
-    return [f'target.evades: {why}; give the target legs, or source = "external"']
-
-
 def bus_mission(name: str, changes: Sequence[str] = ()) -> "Mission":
     """Return the mission of a verb that joins the team's bus, with the values of `--set`; warn if it is insecure.
 
@@ -212,6 +198,7 @@ def bus_mission(name: str, changes: Sequence[str] = ()) -> "Mission":
     """
     from gcs.console.terminal import print_line
     from gcs.keys.team_keys import INSECURE, security_faults
+    from gcs.mission.simulation import only_simulated
 
     mission = loaded_mission(name, changes)
     if faults := [*security_faults(mission), *only_simulated(mission)]:

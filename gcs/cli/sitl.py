@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter
 
-from gcs.cli.options import Changes, MissionName, Speed, loaded_mission, require_governed
+from gcs.cli.options import Changes, MissionName, Speed, loaded_mission
 from gcs.errors import Exit, InputError
 from gcs.signals import hold_back
 
@@ -50,6 +50,7 @@ def sitl(options: SitlOptions) -> Exit:
 
     from agents.ports import VehicleRefusedError
     from gcs.console.terminal import print_problem
+    from gcs.flight.request import require_governed
     from gcs.flight.stubs import serve_until_ctrl_c, served_clock, stub_configs
     from gcs.link.ports import stub_claims
     from gcs.radio.serving import free_ports, mission_radio, radio_spec, running_beside

@@ -29,6 +29,7 @@ from gcs.flight.faults.failing_equipment import FailingEquipment
 from gcs.flight.faults.schedule import ScheduledFault
 from gcs.flight.faults.team_faults import Injection, PresentFaults, TeamInFlight, UnauthorisedClient, last_in_line
 from gcs.flight.heartbeat import SupervisorLink, Unsupervised
+from gcs.flight.live.operating import ProgramLink
 from gcs.flight.plan import FlightPlan
 from gcs.flight.preparation import Readiness, StartWait
 from gcs.flight.stubs import FlightStubs, clock_refusal, url_ports
@@ -196,8 +197,11 @@ async def fly(
     view: LiveView,
     report: FindingsReport = lambda _findings: None,
     supervisor: SupervisorLink = _UNSUPERVISED,
+    program: ProgramLink | None = None,
 ) -> FlightOutcome:
     """Fly; raises VehicleRefusedError when the team cannot or must not take off. `report` receives the findings.
+
+    A `program` may operate the team beside the keyboard and the bus.
 
     Raises InputError when the keys of the team, or of signed links, are missing or not valid.
 
@@ -212,7 +216,7 @@ async def fly(
         plan = replace(plan, holders=keys.holders())
         recording = stack.enter_context(Recording(plan.log, clock))
         team = FlightTeam(plan, clock, recording, view, Journal(plan.mission), keys, signing_keys(plan.mission))
-        return await _fly(team, report, supervisor, injector)
+        return await _fly(team, report, supervisor, injector, program)
 
 
 def _mission_clock(plan: FlightPlan, stack: ExitStack) -> MissionClock:
@@ -246,7 +250,11 @@ def _at_speed(speed: float | None, clock: MissionClock) -> Iterator[None]:
 
 
 async def _fly(
-    team: FlightTeam, report: FindingsReport, supervisor: SupervisorLink, injector: FaultInjector
+    team: FlightTeam,
+    report: FindingsReport,
+    supervisor: SupervisorLink,
+    injector: FaultInjector,
+    program: ProgramLink | None,
 ) -> FlightOutcome:
     plan, clock = team.plan, team.clock
     team.recording.note_run(plan.run(clock.time_scale))
@@ -264,6 +272,8 @@ async def _fly(
         hub = MavsdkHub(clock)
         stack.push_async_callback(hub.close)
         team.equip(hub, supervisor.heartbeat)
+        if program is not None:
+            program.follow(team)
         exchange = AuditExchange(team)
         for agent in team.agents:
             stack.push_async_callback(agent.close)
@@ -280,7 +290,9 @@ async def _fly(
         async with supervisor.follow(clock):
             with _at_speed(plan.speed, clock):
                 watch = Watch(team, report, hint)
-                beside = (watch.run(), exchange.run(), injector.run(team, stubs), _report_positions(team, supervisor))
+                beside = [watch.run(), exchange.run(), injector.run(team, stubs), _report_positions(team, supervisor)]
+                if program is not None:
+                    beside.append(program.report(team))
                 outcomes = await _fly_members(team, watch, exchange, beside)
         supervisor.report_unaccounted([i for i, outcome in outcomes.items() if outcome.unaccounted is not None])
         wall_time_s, mission_time_s = perf_counter() - began_s, clock.now_s() - began_mission_s

@@ -17,6 +17,8 @@ from gcs.console.terminal import STDERR, print_line, print_problem
 from gcs.errors import Exit
 from gcs.flight.flight import FlightOutcome, fly
 from gcs.flight.heartbeat import SupervisorHeartbeat
+from gcs.flight.live.operating import ProgramLink
+from gcs.flight.log_process import LogProcess
 from gcs.flight.plan import FlightPlan
 from gcs.flight.recording import RecordingOptions, flight_log, report_log
 from gcs.flight.team import ending_of
@@ -37,15 +39,7 @@ def run_flight(plan: FlightPlan, recording: RecordingOptions, judge: Callable[[F
     `judge` receives the record of a mission that began, shows it and returns its verdict. Raises InputError.
     """
     try:
-        log = flight_log(recording, plan.mission)
-        with (
-            SupervisorHeartbeat.inherited(_report_supervisor_lost) as supervisor,
-            unblocked(STDERR),
-            LiveView(STDERR, plan.mission.safety.separation_m) as view,
-        ):
-            report = partial(_report_findings, plan.mission)
-            _forgo_full_collections()
-            flight = asyncio.run(fly(replace(plan, log=log), view, report, supervisor))
+        flight, log = flown(plan, recording)
     except VehicleRefusedError as refusal:
         print_problem(refusal.reason, refusal.next_step)
         return Exit.REFUSED
@@ -55,6 +49,24 @@ def run_flight(plan: FlightPlan, recording: RecordingOptions, judge: Callable[[F
         _warn_of_lateness(flight, flight.record, slower=plan.is_governed and flight.speed > 1.0)
     report_log(log)
     return exit_code(plan.mission, flight.outcomes, verdict)
+
+
+def flown(
+    plan: FlightPlan, recording: RecordingOptions, program: ProgramLink | None = None
+) -> tuple[FlightOutcome, LogProcess | None]:
+    """Fly a plan in the supervised process, operated by a program if there is one; return its outcome and its log.
+
+    Raises InputError and VehicleRefusedError.
+    """
+    log = flight_log(recording, plan.mission)
+    with (
+        SupervisorHeartbeat.inherited(_report_supervisor_lost) as supervisor,
+        unblocked(STDERR),
+        LiveView(STDERR, plan.mission.safety.separation_m) as view,
+    ):
+        report = partial(_report_findings, plan.mission)
+        _forgo_full_collections()
+        return asyncio.run(fly(replace(plan, log=log), view, report, supervisor, program)), log
 
 
 def _forgo_full_collections() -> None:

@@ -14,6 +14,7 @@ from agents.ports import Heartbeat, PeerBus, TargetSensor, VehicleRefusedError
 from agents.shell.agent import Agent
 from agents.shell.clock import MissionClock, WallClock
 from agents.shell.control_loop import AgentParts
+from agents.shell.life import Phase
 from agents.shell.outcome import Outcome, Stop
 from agents.team.external_positions import ExternalPositions
 from agents.team.perception import Perception
@@ -42,6 +43,7 @@ from sitl.server.server import StubRecord, TruthTrack
 
 Place = Callable[[float], tuple[float, float] | None]
 """Returns a horizontal position in the mission frame at a time of the mission clock; None if it is unknown."""
+DISARMED = "disarmed"
 KEPT_S = 10.0
 """How long errors of the estimate are kept: no sighting is delayed by more [s of the mission clock]."""
 
@@ -82,6 +84,16 @@ class Member:
     vehicle: MissionVehicle
     link: CheckedLink
     agent: Agent
+
+    @property
+    def ending(self) -> str:
+        """The state of a vehicle whose flight has ended, by its autopilot; empty before."""
+        if self.agent.phase is not Phase.ENDED:
+            return ""
+        status = self.link.status
+        if not status.connected:
+            return "no link"
+        return "handed over" if status.armed else DISARMED
 
 
 @dataclass(frozen=True, slots=True)

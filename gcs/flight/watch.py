@@ -9,7 +9,6 @@ from rich.text import Text
 
 from agents.outputs import CoreStatus
 from agents.shell.computer import short_of
-from agents.shell.life import Phase
 from agents.shell.reporter import estimator_words
 from agents.team.messages import LINK_SILENT_S
 from estimation.state import Telemetry
@@ -18,7 +17,7 @@ from gcs.console.live import flight_title
 from gcs.console.rings import flown_ring, ring_names
 from gcs.console.table_view import NO_HINT
 from gcs.console.vehicle_view import TeamRow, with_alert, with_outlook, with_surroundings, with_unaccounted
-from gcs.flight.team import FlightTeam, Member
+from gcs.flight.team import DISARMED, FlightTeam, Member
 from gcs.metrics.ending import Unaccounted
 from gcs.metrics.journal import event_line
 from gcs.mission.geometry import Place, fences
@@ -30,7 +29,6 @@ FindingsReport = Callable[[Sequence[Finding]], None]
 
 _PERIOD_S = 0.2
 _COMPUTER_EVERY = 25
-DISARMED = "disarmed"
 
 
 class Watch:
@@ -128,7 +126,7 @@ class Watch:
 
     def _row(self, member: Member, status: CoreStatus | None, places_m: Mapping[int, Place]) -> TeamRow:
         vehicle, vehicle_id, last = member.link.status, member.vehicle.id, member.agent.unaccounted
-        ending = "" if last is not None else _ending(member)
+        ending = "" if last is not None else member.ending
         polar, place = (None, None) if status is None else (status.polar, status.place)
         motion = member.link.motion
         alert = "" if status is None or ending else status.alert
@@ -176,7 +174,7 @@ def _places_m(team: FlightTeam) -> dict[int, Place]:
     """Return the positions of all vehicles in flight: from their autopilots, or from messages to their peers."""
     places_m = {peer.sender: peer.position_m for status in team.newest.values() for peer in status.peers}
     for member in team.members:
-        if _ending(member) == DISARMED:
+        if member.ending == DISARMED:
             places_m.pop(member.vehicle.id, None)
         elif member.link.motion is not None:
             x, y, _ = member.link.motion.position_m
@@ -186,21 +184,11 @@ def _places_m(team: FlightTeam) -> dict[int, Place]:
 
 def _ring_members(team: FlightTeam) -> int:
     """Return how many vehicles fly on the ring, by their own status or by messages to their peers."""
-    flying = [member.vehicle.id for member in team.members if not _ending(member)]
+    flying = [member.vehicle.id for member in team.members if not member.ending]
     statuses = [team.newest[each] for each in flying if each in team.newest]
     here = {status.vehicle_id for status in statuses if status.place is not None}
     received = {sender for status in statuses for sender in status.angles}
     return len(here | received.difference(member.vehicle.id for member in team.members))
-
-
-def _ending(member: Member) -> str:
-    """Return the state of a vehicle whose flight has ended, by its autopilot; empty before."""
-    if member.agent.phase is not Phase.ENDED:
-        return ""
-    status = member.link.status
-    if not status.connected:
-        return "no link"
-    return "handed over" if status.armed else DISARMED
 
 
 def _remark(status: CoreStatus) -> str:

@@ -68,3 +68,11 @@ def simulated_imperfections(mission: Mission) -> Imperfections:
         estimator_drift=EstimatorDriftModel(simulation.wander_m) if simulation.wander_m > 0.0 else None,
         telemetry_timing=None if rate_hz is None else TelemetryTiming(rate_hz),
     )
+
+
+def only_simulated(mission: Mission) -> list[str]:
+    """Return why only `cordon sim` flies a mission; none if other verbs do, too."""
+    if mission.target.evades is None:
+        return []
+    why = "the target reacts to the true positions of all vehicles, which only `cordon sim` and `cordon sweep` know"
+    return [f'target.evades: {why}; give the target legs, or source = "external"']

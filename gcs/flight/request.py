@@ -1,0 +1,66 @@
+"""What the command line or a program wants flown, and the checked plan of it."""
+
+from dataclasses import dataclass
+from math import inf
+
+from gcs.errors import InputError
+from gcs.flight.faults.schedule import scheduled_faults
+from gcs.flight.plan import FlightPlan
+from gcs.flight.stubs import lockstep_clock
+from gcs.mission.mission import Mission
+from gcs.mission.planner import planner_of
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FlightRequest:
+    """A flight of a mission, as it is asked for.
+
+    The vehicles with the ids `stubs` are stubs that start with the flight, the others are at their urls; with `only`
+    this process flies that one vehicle. `speed` is that of the mission clock as a multiple of the wall's, None: 1 with
+    stubs, measured otherwise. `duration_s` replaces the mission's. `faults` are texts such as "link-cut@120:2".
+    `wait_s` [wall s] limits the wait for vehicles that are not ready; with `awaits_start` they wait for an operator's
+    start. On the `bench`, boards in hardware-in-the-loop simulation fly. The mission's planner is imported only if
+    `allow_plugins`.
+    """
+
+    mission: Mission
+    stubs: tuple[int, ...] = ()
+    only: int | None = None
+    speed: float | None = None
+    duration_s: float | None = None
+    faults: tuple[str, ...] = ()
+    wait_s: float = 60.0
+    awaits_start: bool = False
+    bench: bool = False
+    allow_plugins: bool = False
+
+    def plan(self) -> FlightPlan:
+        """Return the plan; raises InputError, whose faults name options of `cordon fly`."""
+        mission, stubs = self.mission, self.stubs
+        if stubs and self.only is not None:
+            raise InputError(["--only: with --sitl all vehicles fly in this process; use `cordon sitl` for the stubs"])
+        if self.faults and not stubs:
+            raise InputError(["--fault: it needs --sitl: faults are injected into stub vehicles only"])
+        clock = None if stubs else lockstep_clock(mission)
+        waits = len(stubs) == len(mission.ids) or clock is not None
+        require_governed(self.speed, only_stubs=waits, advice="it needs --sitl, or `cordon sitl --lockstep`")
+        duration_s = self.duration_s or mission.mission.duration_s
+        return FlightPlan(
+            mission,
+            duration_s,
+            mission.vehicles if self.only is None else (mission.vehicle(self.only),),
+            self.speed or (1.0 if stubs else None),
+            stubs,
+            wait_s=self.wait_s,
+            bench=self.bench,
+            awaits_start=self.awaits_start,
+            faults=scheduled_faults(self.faults, mission, duration_s, stubs),
+            clock=clock,
+            planner=planner_of(mission, allowed=self.allow_plugins),
+        )
+
+
+def require_governed(speed: float | None, *, only_stubs: bool, advice: str) -> None:
+    """Raise InputError for a speed that only the computer limits, unless every vehicle is a stub."""
+    if speed == inf and not only_stubs:
+        raise InputError([f"--speed max: {advice}"])
