@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Mapping
 from enum import Enum
+from functools import partial
 from math import isfinite
 from typing import Protocol
 
@@ -127,10 +128,14 @@ class VehicleRefusedError(Exception):
     """
 
     def __init__(self, clause: str, next_step: str, *, subject: str = "") -> None:
-        self.clause = clause
+        self.clause, self.subject = clause, subject
         self.reason = f"{subject} {clause}" if subject else clause
         self.next_step = next_step
         super().__init__(f"{self.reason}; {next_step}")
+
+    def __reduce__(self) -> "tuple[Callable[..., VehicleRefusedError], tuple[str, str]]":
+        """Return how it is made again in another process: of its parts, not of its text."""
+        return partial(type(self), subject=self.subject), (self.clause, self.next_step)
 
 
 class VehicleLink(Protocol):

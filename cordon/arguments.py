@@ -10,7 +10,6 @@ def is_whole(value: object) -> bool:
 
 def range_faults(name: str, value: object, least: float, most: float) -> list[str]:
     """Return why an argument is no number of a range, its ends included; none for one that is, and for None."""
-    is_number = not isinstance(value, bool) and isinstance(value, Real)
-    if value is None or (is_number and least <= value <= most):
+    if not isinstance(value, bool) and isinstance(value, Real) and least <= float(value) <= most:
         return []
-    return [f"{name}: it must be a number from {least:g} to {most:g} (given: {value!r})"]
+    return [] if value is None else [f"{name}: it must be a number from {least:g} to {most:g} (given: {value!r})"]

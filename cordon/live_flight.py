@@ -4,13 +4,13 @@ import asyncio
 import re
 from collections.abc import AsyncIterator, Callable, Collection, Mapping, Sequence
 from contextlib import suppress
-from functools import cached_property
+from functools import cached_property, partial
 from itertools import count
 from math import inf
 from os import getpid
 from pathlib import Path
 from types import MappingProxyType
-from typing import Self, get_args
+from typing import Any, Self, get_args
 
 from agents.ports import VehicleRefusedError
 from agents.tactics import Tactic
@@ -25,7 +25,9 @@ from gcs.flight.live.exchange import Answers, Asked, Begun, Failed, LiveRequest,
 from gcs.flight.live.process import FlyingProcess
 from gcs.flight.recording import RecordingOptions
 from gcs.flight.request import FlightRequest
+from gcs.flight.simulated_events import Commanded, SimulatedEvents
 from gcs.keys.team_keys import security_faults
+from gcs.link.ports import free_ports
 from gcs.metrics.metrics import evaluated
 from gcs.metrics.record import FlightEvent, FlightRecord
 from gcs.metrics.result import FlightResult
@@ -34,9 +36,16 @@ from gcs.mission.simulation import only_simulated
 from gcs.preflight.mission import ring_change_faults
 
 _TACTICS = {each.value for each in Tactic}
-_OPTION = re.compile(r"--([a-z]+(?:-[a-z]+)*)")
-_ARGUMENTS = {"sitl": "stubs", "fault": "faults", "only": "vehicle", "wait": "wait_s"}
-"""The arguments of `fly` that the command line names otherwise."""
+_ARGUMENTS = {
+    "speed": "speed",
+    "sitl": "stubs",
+    "fault": "faults",
+    "log": "log",
+    "allow-plugins": "allow_plugins",
+    "vehicle": "vehicle",
+}
+"""The arguments of `fly`, and of `LiveFlight.command`, by the options of the command line."""
+_OPTION = re.compile(rf"--({'|'.join(_ARGUMENTS)})\b")
 
 
 class LiveFlight:
@@ -113,9 +122,7 @@ class LiveFlight:
             await self._change()
         return self.time_s
 
-    async def command(
-        self, verb: CommandVerb, *arguments: object, **values: float
-    ) -> Mapping[int, CommandResult | None]:
+    async def command(self, verb: str, *arguments: object, **values: float) -> Mapping[int, CommandResult | None]:
         """Command the vehicles as `cordon command` does; return their answers by id, None of one without an answer.
 
         `command("hold")` is for all vehicles, `command("hold", 2)` for one. Others take arguments:
@@ -125,7 +132,7 @@ class LiveFlight:
 
         Raises InputError for what no vehicle could do, VehicleRefusedError if the flight is over.
         """
-        given = self._given(verb, arguments, values)
+        known, given = self._given(verb, arguments, values)
         self._require_flight(f"before {verb}")
         if isinstance(given.argument, RingValues):
             rings = () if self._news is None else self._news.rings
@@ -133,7 +140,7 @@ class LiveFlight:
             if faults := await asyncio.to_thread(ring_change_faults, *of_ring):
                 raise InputError(faults)
         number = next(self._numbers)
-        self._running().command(Asked(number, verb, given))
+        self._running().command(Asked(number, known, given))
         while number not in self._answers:
             self._require_flight(f"before {verb} was answered")
             await self._change()
@@ -244,7 +251,9 @@ class LiveFlight:
         wanted = most if vehicles is None else int(vehicles)
         return lambda: sum(each.tactic == tactic and not each.ended for each in self.vehicles.values()) >= wanted
 
-    def _given(self, verb: str, arguments: Sequence[object], values: Mapping[str, float]) -> GivenCommand:
+    def _given(
+        self, verb: str, arguments: Sequence[object], values: Mapping[str, float]
+    ) -> tuple[CommandVerb, GivenCommand]:
         verbs = get_args(CommandVerb)
         known = next((each for each in verbs if each == verb), None)
         if known is None:
@@ -257,7 +266,7 @@ class LiveFlight:
                 raise InputError([f"vehicle: the mission has no vehicle {texts[0]} (it has {ids})"])
             vehicle, texts = int(texts[0]), []
         try:
-            return given_command(self.mission, known, texts, vehicle)
+            return known, given_command(self.mission, known, texts, vehicle)
         except InputError as error:
             raise as_arguments(error) from error
 
@@ -323,6 +332,37 @@ def fly(
     return LiveFlight(LiveRequest(request, RecordingOptions(path, recorded), getpid()))
 
 
+async def flown_on_stubs(
+    mission: Mission | str | Path, commands: Sequence[Commanded] = (), **named: Any
+) -> FlightResult:
+    """Fly a mission on stubs, with a team and ports of its own and commands by mission time; return its result.
+
+    `named` are arguments of `fly`. Raises InputError and VehicleRefusedError.
+    """
+    mission = on_own_ports(mission if isinstance(mission, Mission) else load(mission))
+    SimulatedEvents(mission, commands, duration_s=named.get("duration_s") or mission.mission.duration_s)
+    async with fly(mission, stubs=True, **named) as flight:
+        for each in sorted(commands, key=lambda each: each.at_s):
+            await flight.until(partial(_is_reached, flight, each.at_s))
+            verb, *arguments = each.text.split()
+            await flight.command(verb, *arguments, *(() if each.vehicle is None else (each.vehicle,)))
+        return await flight.complete()
+
+
+def _is_reached(flight: LiveFlight, time_s: float) -> bool:
+    return flight.time_s is not None and flight.time_s >= time_s
+
+
+def on_own_ports(mission: Mission) -> Mission:
+    """Return the mission as a team of its own: with vehicles and a bus at ports that no other process of cordon has."""
+    ports = iter(free_ports(2 * len(mission.ids)))
+    vehicles = {
+        each: {"url": f"udpin://127.0.0.1:{next(ports)}", "endpoint": f"tcp/127.0.0.1:{next(ports)}"}
+        for each in mission.ids
+    }
+    return mission.replace(vehicles=vehicles, network={"team": f"{mission.network.team}-{getpid()}"})
+
+
 def _stub_ids(mission: Mission, stubs: object, problems: list[str]) -> tuple[int, ...]:
     if isinstance(stubs, bool):
         return mission.ids if stubs else ()
@@ -337,7 +377,4 @@ def _stub_ids(mission: Mission, stubs: object, problems: list[str]) -> tuple[int
 def as_arguments(error: InputError) -> InputError:
     """Return faults of command-line options as those of arguments."""
 
-    def argument(option: re.Match[str]) -> str:
-        return _ARGUMENTS.get(option[1], option[1].replace("-", "_"))
-
-    return InputError([_OPTION.sub(argument, fault) for fault in error.faults])
+    return InputError([_OPTION.sub(lambda option: _ARGUMENTS[option[1]], fault) for fault in error.faults])

@@ -13,7 +13,6 @@ from typing import Any, NamedTuple
 
 from msgspec import Raw, msgpack
 
-from agents.ports import VehicleRefusedError
 from gcs.flightlog.records import RUN_TOPICS, VEHICLE_TOPICS
 from gcs.mission.mission import Mission
 from gcs.viewer.origin_gate import Address
@@ -89,13 +88,6 @@ class LogRequest(NamedTuple):
     origins: tuple[str, ...] = ()
 
 
-class Refused(NamedTuple):
-    """The log process cannot serve viewers: the reason and the next step."""
-
-    reason: str
-    next_step: str
-
-
 class LogStatus(NamedTuple):
     """The bytes in the file, and why it does not hold the whole flight (empty if it does)."""
 
@@ -132,8 +124,6 @@ class LogProcess:
         if isinstance(answer, LogStatus):
             return answer
         self._process.wait()
-        if isinstance(answer, Refused):
-            raise VehicleRefusedError(*answer)
         raise answer
 
     @property

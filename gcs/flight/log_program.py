@@ -9,7 +9,7 @@ from multiprocessing.connection import Connection
 from foxglove import Context
 
 from agents.ports import VehicleRefusedError
-from gcs.flight.log_process import CLOSE, FLUSH, BatchReader, LogRequest, LogStatus, Refused
+from gcs.flight.log_process import CLOSE, FLUSH, BatchReader, LogRequest, LogStatus
 from gcs.flightlog.writer import LogWriter
 from gcs.signals import ENDING
 from gcs.viewer.live_server import live_server
@@ -27,10 +27,8 @@ def main() -> None:
     with Connection(int(sys.argv[1])) as connection, ExitStack() as stack, suppress(BrokenPipeError, EOFError):
         try:
             writer = _opened(connection.recv(), stack)
-        except OSError as error:
+        except (OSError, VehicleRefusedError) as error:
             connection.send(error)
-        except VehicleRefusedError as refusal:
-            connection.send(Refused(refusal.reason, refusal.next_step))
         else:
             _serve(connection, writer)
 

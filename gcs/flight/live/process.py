@@ -54,8 +54,10 @@ class FlyingProcess:
             self._connection.send(message)
 
     def _listen(self) -> None:
-        with suppress(EOFError, OSError):
-            while True:
-                self._on_message(self._connection.recv())
-        self._process.wait()
-        self._on_message(None)
+        try:
+            with suppress(EOFError, OSError):
+                while True:
+                    self._on_message(self._connection.recv())
+        finally:
+            self._process.wait()
+            self._on_message(None)
