@@ -132,7 +132,9 @@ class LiveFlight:
 
         Raises InputError for what no vehicle could do, VehicleRefusedError if the flight is over.
         """
-        known, given = self._given(verb, arguments, values)
+        return await self._send(*self._given(verb, arguments, values))
+
+    async def _send(self, verb: CommandVerb, given: GivenCommand) -> Mapping[int, CommandResult | None]:
         self._require_flight(f"before {verb}")
         if isinstance(given.argument, RingValues):
             rings = () if self._news is None else self._news.rings
@@ -140,7 +142,7 @@ class LiveFlight:
             if faults := await asyncio.to_thread(ring_change_faults, *of_ring):
                 raise InputError(faults)
         number = next(self._numbers)
-        self._running().command(Asked(number, known, given))
+        self._running().command(Asked(number, verb, given))
         while number not in self._answers:
             self._require_flight(f"before {verb} was answered")
             await self._change()
@@ -340,12 +342,12 @@ async def flown_on_stubs(
     `named` are arguments of `fly`. Raises InputError and VehicleRefusedError.
     """
     mission = on_own_ports(mission if isinstance(mission, Mission) else load(mission))
-    SimulatedEvents(mission, commands, duration_s=named.get("duration_s") or mission.mission.duration_s)
+    duration_s = named.get("duration_s") or mission.mission.duration_s
+    due = SimulatedEvents(mission, commands, duration_s=duration_s).commands
     async with fly(mission, stubs=True, **named) as flight:
-        for each in sorted(commands, key=lambda each: each.at_s):
-            await flight.until(partial(_is_reached, flight, each.at_s))
-            verb, *arguments = each.text.split()
-            await flight.command(verb, *arguments, *(() if each.vehicle is None else (each.vehicle,)))
+        for each in due:
+            await flight.until(partial(_is_reached, flight, each.time_s))
+            await flight._send(each.verb, GivenCommand(each.ring or each.shape, each.ring_number, each.vehicle))
         return await flight.complete()
 
 

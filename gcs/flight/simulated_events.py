@@ -106,7 +106,8 @@ class SimulatedEvents:
         faults += _overlaps(absent)
         self.absences = [Absence(each.vehicle, each.from_s, each.until_s, each.at_m) for each in absent]
         commands = sorted((each for each in events if isinstance(each, Commanded)), key=lambda each: each.at_s)
-        self._commands = deque(_operator_commands(mission, commands, faults))
+        self.commands = deque(_operator_commands(mission, commands, faults))
+        """The commands that are not due yet, in order of mission time."""
         if faults:
             raise InputError(faults)
         self._disturbances = [each for each in events if isinstance(each, Disturbance)]
@@ -136,8 +137,8 @@ class SimulatedEvents:
 
     def act(self, now_s: float, vehicles: Sequence[SimulatedVehicle[TickOutput]]) -> NetworkModel:
         """Command and disturb the mission's vehicles as it is due at a mission time, and return the network then."""
-        while self._commands and self._commands[0].time_s <= now_s + _ROUNDING_S:
-            received = Message(now_s, self._commands.popleft())
+        while self.commands and self.commands[0].time_s <= now_s + _ROUNDING_S:
+            received = Message(now_s, self.commands.popleft())
             for vehicle in vehicles:
                 if vehicle.present:
                     vehicle.core.take(received)

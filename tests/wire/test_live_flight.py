@@ -110,7 +110,7 @@ async def test_a_flight_whose_process_is_killed_is_lost(tmp_path: Path) -> None:
         async with flight_of(ring_mission(), tmp_path, 600.0) as flight:
             await flight.until("encircle", within_s=60.0)
             (supervisor,) = psutil.Process().children()
-            (flying,) = (each for each in supervisor.children() if "gcs.flight.live.flying" in each.cmdline())
+            (flying,) = (each for each in supervisor.children() if "gcs.flight.live_program" in each.cmdline())
             flying.kill()
             await flight.until("hold")
 

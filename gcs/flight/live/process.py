@@ -1,4 +1,4 @@
-"""The program's handle on the flying process that it started (gcs/flight/live/flying.py).
+"""The program's handle on the flying process that it started (gcs.flight.live_program.py).
 
 It is supervised as that of `cordon fly` is, in a session of its own: a signal to the program's terminal does not reach
 it. When the program ends, however that happens, the vehicles hold, then land.
@@ -16,7 +16,7 @@ from pathlib import Path
 from gcs.flight.live.exchange import END, PROGRAM_VARIABLE, Asked, LiveRequest, Message
 from gcs.flight.supervision_protocol import HEARTBEAT_VARIABLE
 
-_PROGRAM = "gcs.flight.live.flying"
+_PROGRAM = "gcs.flight.live_program"
 
 
 class FlyingProcess:

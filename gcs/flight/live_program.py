@@ -1,4 +1,4 @@
-"""The program of a flying process that another program operates: `python -m gcs.flight.live.flying`.
+"""The program of a flying process that another program operates: `python -m gcs.flight.live_program`.
 
 Only `gcs.flight.live.process` starts it.
 """
