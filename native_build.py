@@ -38,7 +38,7 @@ COMPILED = (
 )
 """What is compiled: whole folders, and single files."""
 INTERPRETED = ("agents/control/plan.py", "agents/situation/task.py")
-"""What is not, in these folders: the public interface. Compiled classes have no docstrings, which `help` shows."""
+"""What is not, in these folders: the public interface. Compiled methods have no docstrings, which `help` shows."""
 FLAGS = "-ffp-contract=off -fno-builtin -Wno-all"
 """No arithmetic that Python does not do: a compiled flight is bit for bit the same. No warnings about generated code.
 """

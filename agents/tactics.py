@@ -10,7 +10,13 @@ if TYPE_CHECKING:  # they import what the command line, which lists verbs, would
 
 
 class Tactic(Enum):
-    """The tactic that a vehicle flies."""
+    """The tactic that a vehicle flies; `value` is its name in messages, logs and tables.
+
+    `FORMATION` and `ENCIRCLE`, the ring, are planned by a user's planner if there is one, the others by cordon.
+    `STANDBY` is before the start, `TRANSIT` the way from one ring to another, `EXCITE` an identification flight.
+    `ASIDE` holds out of the others' way, `HOLD` in place. `RETURN_AND_LAND` and `LAND` end the flight; in
+    `PILOT_OVERRIDE` a pilot flies.
+    """
 
     STANDBY = "standby"
     FORMATION = "formation"

@@ -14,7 +14,11 @@ if TYPE_CHECKING:
     from agents.control.plan import TaskPlanner as TaskPlanner
     from agents.ports import VehicleRefusedError as VehicleRefusedError
     from agents.settings.config import AgentConfig as AgentConfig
+    from agents.situation.situation import Situation as Situation
     from agents.situation.task import Task as Task
+    from agents.tactics import Tactic as Tactic
+    from agents.team.messages import MemberState as MemberState
+    from agents.team.messages import NeighbourAngle as NeighbourAngle
     from cordon.channels import VehicleChannels as VehicleChannels
     from cordon.flight import Flight as Flight
     from cordon.identification import Identified as Identified
@@ -34,6 +38,9 @@ if TYPE_CHECKING:
     from cordon.sweeping import sweep as sweep
     from estimation.plant.model import Plant as Plant
     from estimation.plant.model import PlantAxis as PlantAxis
+    from estimation.polar import Polar as Polar
+    from estimation.state import OwnEstimate as OwnEstimate
+    from estimation.state import TargetEstimate as TargetEstimate
     from gcs.console.command_client import CommandResult as CommandResult
     from gcs.errors import InputError as InputError
     from gcs.flight.live.exchange import LiveVehicle as LiveVehicle
@@ -66,17 +73,24 @@ _HOMES = {
     "LiveFlight": "cordon.live_flight",
     "LiveVehicle": "gcs.flight.live.exchange",
     "LockstepClient": "cordon.lockstep",
+    "MemberState": "agents.team.messages",
     "MessageLoss": "gcs.flight.simulated_events",
     "Mission": "gcs.mission.mission",
+    "NeighbourAngle": "agents.team.messages",
+    "OwnEstimate": "estimation.state",
     "Plan": "agents.control.plan",
     "Plant": "estimation.plant.model",
     "PlantAxis": "estimation.plant.model",
+    "Polar": "estimation.polar",
     "Range": "gcs.sweep.draws",
     "ReactingTarget": "cordon.simulation",
+    "Situation": "agents.situation.situation",
     "StepFunction": "sitl.vehicle.plant_step",
     "StubTeam": "cordon.stub_team",
     "StubVehicle": "cordon.stub_vehicle",
     "SweepResult": "cordon.sweep_result",
+    "Tactic": "agents.tactics",
+    "TargetEstimate": "estimation.state",
     "TargetPath": "cordon.simulation",
     "Task": "agents.situation.task",
     "TaskPlanner": "agents.control.plan",
@@ -103,7 +117,9 @@ if not TYPE_CHECKING:  # a type checker uses the imports above, and reports name
         """Import a public name when it is first used."""
         if name not in _HOMES:
             raise AttributeError(f"module 'cordon' has no attribute {name!r}")
-        value = globals()[name] = getattr(import_module(_HOMES[name]), name)
+        from cordon.docstrings import documented  # noqa: PLC0415
+
+        value = globals()[name] = documented(getattr(import_module(_HOMES[name]), name))
         return value
 
     def __dir__() -> list[str]:

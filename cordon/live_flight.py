@@ -15,7 +15,7 @@ from typing import Any, Self, get_args
 from agents.ports import VehicleRefusedError
 from agents.tactics import Tactic
 from agents.team.messages import RingValues
-from agents.team.verbs import VERBS, CommandVerb
+from agents.team.verbs import VERBS, CommandVerb, Verb
 from cordon.arguments import is_whole, range_faults
 from cordon.simulation import load
 from gcs.console.command_client import CommandResult
@@ -134,7 +134,7 @@ class LiveFlight:
         """
         return await self._send(*self._given(verb, arguments, values))
 
-    async def _send(self, verb: CommandVerb, given: GivenCommand) -> Mapping[int, CommandResult | None]:
+    async def _send(self, verb: Verb, given: GivenCommand) -> Mapping[int, CommandResult | None]:
         self._require_flight(f"before {verb}")
         if isinstance(given.argument, RingValues):
             rings = () if self._news is None else self._news.rings

@@ -9,7 +9,11 @@ from estimation.state import Vector
 
 
 class Polar:
-    """A vehicle's motion about the target: radius and bearing, and their rates."""
+    """A vehicle's motion about the target: radius and bearing, and their rates.
+
+    The bearing is that of the vehicle from the target, counter-clockwise from x of the mission frame, in [-pi, pi]. The
+    angular rate is positive counter-clockwise, the radial speed outwards. All are relative to the moving target.
+    """
 
     def __init__(self, radius_m: float, bearing_rad: float, radial_speed_m_s: float, angular_rate_rad_s: float) -> None:
         self.radius_m: Final = radius_m

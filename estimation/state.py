@@ -102,7 +102,10 @@ PlanarSpread = tuple[float, float, float, float, float, float, float, float, flo
 class OwnEstimate(msgspec.Struct, frozen=True):
     """The estimate of a vehicle's own motion: mean (6,) = [x y x' y' w_x w_y] at `time_s`, with covariances by axis.
 
-    Most ticks need one element of the covariance only; the matrix is computed on access.
+    Position [m] and velocity [m/s] are in the mission frame, right-handed with z up; the disturbance w is an
+    acceleration [m/s²] that adds to the plant's. `spread` has, for x and for y, the upper triangle of the covariance of
+    position, velocity and disturbance: (pp, pv, pw, vv, vw, ww). Most ticks need one of its elements only; the matrix
+    is computed on access.
     """
 
     time_s: float
@@ -111,7 +114,7 @@ class OwnEstimate(msgspec.Struct, frozen=True):
 
     @property
     def covariance(self) -> Vector:
-        """The covariance (6, 6); the axes are uncorrelated."""
+        """The covariance (6, 6) of the mean; the axes are uncorrelated."""
         covariance = np.zeros((6, 6))
         for axis, (pp, pv, pw, vv, vw, ww) in enumerate(self.spread):
             covariance[axis::2, axis::2] = (pp, pv, pw), (pv, vv, vw), (pw, vw, ww)
@@ -126,7 +129,9 @@ class OwnEstimate(msgspec.Struct, frozen=True):
 class TargetEstimate(msgspec.Struct, frozen=True):
     """The estimate of the target's motion: mean (4,) = [x y x' y'] at `time_s`, and its covariance.
 
-    `sighted_s` is the time of the newest sighting used; importance and threat are from that sighting.
+    Position [m] and velocity [m/s] are in the mission frame, right-handed with z up. `spread` is the upper triangle of
+    the covariance, row by row. `sighted_s` is the time of the newest sighting used; importance and threat, in [0, 1],
+    are from that sighting.
     """
 
     time_s: float

@@ -45,8 +45,10 @@ class Plan(msgspec.Struct, frozen=True):
     """The result of the planner: the aim (2,), the undisturbed aim (2,), its rate (2,), and how it was found.
 
     The aim is the input of the plant. The last stage makes it the setpoint: the same position, unless a velocity is fed
-    forward with it. `velocity_m_s` is the velocity to feed forward; with None it follows from the aim. `ring` is None
-    except in the tactic encircle. `values` are finite numbers of a user's planner, by short names, for the
+    forward with it. The undisturbed aim, which peers receive, is the one that would move a plant without disturbance in
+    the same way. All are in metres and m/s along x and y of the mission frame. `velocity_m_s` is the velocity to feed
+    forward; with None it follows from the aim. `qp` and `ring` are of cordon's own planner: `ring` is None except in
+    the tactic encircle. `values` are finite numbers of a user's planner, by short names, for the
     log, the channels and the report; all plans of a vehicle that have values have those of the same names.
     """
 

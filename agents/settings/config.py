@@ -39,6 +39,9 @@ class RingConfig:
 class AgentConfig:
     """The complete configuration of one agent.
 
+    Its sections `formation` to `choreography` have the keys of docs/mission-keys.md, such as `encirclement.radius_m`,
+    whose names end with the unit. Positions are in the mission frame, heights above its origin.
+
     `slots` are the vehicles of the formation in line order, with this one; `line_start_m` is the start of the leader's
     line, `altitude_m` its flying height, `communication_radius_m` the radio range. `home_m` is where it takes off
     (None: it lands in place), `layers_from_m` the lowest layer's height and `altitude_lowest_m` the lowest flying

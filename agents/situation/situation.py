@@ -16,13 +16,23 @@ _NO_OTHERS: Final[Mapping[str, Vector]] = {}
 class Situation:
     """The estimates of a tick: those for now, and all motions (4,) at the moment when the next setpoint acts.
 
-    The centre of the ring is the target's estimate, or a point that catches up with it (`TargetBlend`). `polar` is the
-    vehicle's polar state about the centre now, for reports; the planner computes its own at the acting time.
-    `authority`, in (0, 1], is the share of feedback and compensation that the consistency of the own filter allows;
-    `height_m` is the altitude from the latest telemetry. Positions are in the team's frame (`TeamFrame`), which the
-    autopilot's differs from by an offset of variance `offset_variance_m2` per axis; `position_sigma_m` is the standard
-    deviation of the own position there, the larger one of the two axes. In a mission of several targets `target` is
-    that of the vehicle's ring, and `acting_others` are the motions of the others, by name.
+    A motion (4,) is [x y x' y'] in metres and m/s, in the mission frame, right-handed with z up. Times are seconds on
+    the team's clock.
+
+    - `now_s`, `acting_s`: now, and when the next setpoint acts: after the delays of link and plant, on average.
+    - `own`, `target`: the estimates of the own motion and of the target's for now; None while there is no target. In a
+      mission of several targets it is that of the vehicle's ring.
+    - `acting_motion` (4,), `acting_target` (4,): both at `acting_s`.
+    - `acting_centre` (4,): the motion of the ring's centre at `acting_s`, None without a target: the target's, or that
+      of a point that catches up with it after it was out of sight.
+    - `acting_others`: the motions (4,) of the mission's other targets at `acting_s`, by name.
+    - `polar`: the polar state about the centre for now; a planner computes its own, for `acting_s`.
+    - `disturbance` (2,): the acceleration [m/s²] that adds to the plant's along x and y, at `acting_s`. `authority`, in
+      (0, 1], is the share of feedback and compensation that the consistency of the own filter allows, and
+      `compensation` (2,) the part of the disturbance to act against.
+    - `height_m`: the own altitude above the mission's origin, from the newest telemetry.
+    - `position_sigma_m`: the standard deviation of the own position, of the worse axis. It includes the offset between
+      the team's frame and the autopilot's, of variance `offset_variance_m2` per axis.
     """
 
     def __init__(
@@ -52,12 +62,12 @@ class Situation:
         self.acting_centre: Final = acting_centre
         self.authority: Final = authority
         self.height_m: Final = height_m
-        self.position_sigma_m: Final = sqrt(own.position_sigma_m**2 + offset_variance_m2)
+        self.position_sigma_m: Final[float] = sqrt(own.position_sigma_m**2 + offset_variance_m2)
         self.acting_others: Final = acting_others
 
     @property
     def compensation(self) -> Vector:
-        """The part of the disturbance (2,) that setpoints compensate."""
+        """The part of the disturbance (2,) that setpoints compensate [m/s²]."""
         return self.disturbance if self.authority == 1.0 else self.disturbance * self.authority
 
 

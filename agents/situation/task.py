@@ -10,7 +10,8 @@ from agents.team.messages import MemberState
 class Task(msgspec.Struct, frozen=True):
     """The decision of a tick: the tactic to fly in a situation, and the altitude layer.
 
-    `peers` are the newest states of the others, each at its own time: those of distant peers are up to a second old.
+    `layer_m` is that of the vehicle, in metres above the mission's origin; a planner plans x and y alone. `peers` are
+    the newest states of the others, each at its own time: those of distant peers are up to a second old.
     """
 
     tactic: Tactic

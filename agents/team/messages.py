@@ -62,9 +62,11 @@ Outcome = Literal["begun", "obeyed", "refused", "misdated"]
 class NeighbourAngle(msgspec.Struct, frozen=True, array_like=True):
     """The bearing, its rate and the radius of a vehicle on the ring about the target, at `time_s`.
 
-    It is a part of its sender's state. The shares are the ring that the sender can fly (`agents/ring/feasibility.py`),
-    the reference is its place, which it has not reached while it comes in, and `references` a digest of the vehicles
-    whose references its law takes into account, 0 if that is not known.
+    Bearings are those of the vehicle from the target, counter-clockwise from x of the mission frame, and rates positive
+    counter-clockwise. It is a part of its sender's state. The shares are the ring that the sender can fly, of rate and
+    radius of the mission's (`agents/ring/feasibility.py`), the reference is its place, which it has not reached while
+    it comes in, None without one, and `references` a digest of the vehicles whose references its law takes into
+    account, 0 if that is not known.
     """
 
     sender: Annotated[VehicleId, SHARED]
@@ -212,10 +214,12 @@ class MemberState(msgspec.Struct, frozen=True, array_like=True):
 
     It includes the vehicle's place on the ring, None off it, and the new sightings of its own sensor.
 
-    `position_sigma_m` is the standard deviation of the position, `alert` the active failsafe condition, empty if none;
-    `shape` is the formation's shape that operators commanded last, at `shaped_s`; None is the mission's. `drops` are
-    the messages that it has dropped so far. `ring` is the ring that operators commanded. In a mission of several rings
-    `choice` has it, and more.
+    `sender` is the vehicle's id, `tactic` the value of a `Tactic`. Motion and aim are along x and y of the mission
+    frame, `altitude_m` is above its origin. Times are seconds on the team's clock. `position_sigma_m` is the standard
+    deviation of the position, `alert` the active failsafe condition, empty if none; `shape` is the formation's shape
+    that operators commanded last, at `shaped_s`; None is the mission's. `drops` are the messages that it has dropped so
+    far. `ring` is the ring that operators commanded. In a mission of several rings `choice` has it, and more.
+    These two, drops and sightings are for cordon's own use.
     """
 
     sender: VehicleId

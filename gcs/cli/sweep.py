@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Annotated
 from cyclopts import App, Parameter
 from cyclopts.validators import Number
 
-from gcs.cli.options import RESULT, Changes, Duration, Json, MissionName, file_or_folder, only_file
+from gcs.cli.options import RESULT, AllowPlugins, Changes, Duration, Json, MissionName, file_or_folder, only_file
 from gcs.errors import Exit, InputError
 from gcs.metrics.json_output import json_output
 from gcs.signals import hold_back, pending
@@ -63,6 +63,7 @@ class SweepOptions:
     ]
     duration: Duration = None
     changes: Changes = ()
+    allow_plugins: AllowPlugins = False
     workers: Annotated[
         int | None,
         Parameter(
@@ -147,7 +148,8 @@ def _planned(options: SweepOptions) -> "tuple[SweepPlan, dict[int, str]]":
         found.append({each.check: each for each in reversed(warnings)})
 
     fixed = dict(map(override, options.changes))
-    result = planned(options.mission, variations, seeds, fixed, options.duration, check, pending)
+    given = (options.mission, variations, seeds, fixed, options.duration)
+    result = planned(*given, check, pending, allow_plugins=options.allow_plugins)
     for name in dict.fromkeys(name for warned in found for name in warned):
         warned = [each[name] for each in found if name in each]
         whole = f"{len(warned)} of {counted(len(found), 'mission')}, the first: " if len(found) > 1 else ""
@@ -218,7 +220,10 @@ class PlotOptions:
     )
     over: Annotated[
         tuple[str, ...],
-        Parameter(negative="", help="Varied key of the axes, at most two; default: the first two."),
+        Parameter(
+            negative="",
+            help="Varied key of the axes, at most two; default: the first two. Over one key, planners are drawn apart.",
+        ),
     ] = ()
     metric: Annotated[
         tuple[str, ...],
@@ -258,9 +263,9 @@ def plot(options: PlotOptions) -> Exit:
     full = full_rows(plan, rows)
     metrics = _metrics(options.metric, table_columns(plan, full), full)
     summary = SweepSummary.of(len(plan.runs), rows.values())
-    title = f"{folder.mission()}, {summary.line}"
+    title, over = f"{folder.mission()}, {summary.line}", _over(options.over, plan)
     with writing("--out", path):
-        save_sweep_figure(Picture(title, metrics, _over(options.over, plan), full), path)
+        save_sweep_figure(Picture(title, metrics, over, full, _apart(over, plan)), path)
     cases = worst_cases(plan, rows, metrics, folder.mission(), options.worst)
     print_line(f"{options.folder}: {summary.line}")
     for case in cases:
@@ -274,6 +279,8 @@ def plot(options: PlotOptions) -> Exit:
 
 def _over(given: Sequence[str], plan: "SweepPlan") -> tuple[str, ...]:
     """Return the keys of the axes: the seed if no key varies. Raises InputError."""
+    from gcs.sweep.plan import PLANNER_PLACE
+
     varied = [each.place for each in plan.variations]
     if len(given) > 2:
         raise InputError([f"--over: at most two keys (given: {', '.join(given)})"])
@@ -283,7 +290,16 @@ def _over(given: Sequence[str], plan: "SweepPlan") -> tuple[str, ...]:
         if key not in varied
     ]:
         raise InputError(faults)
-    return tuple(given or varied[:2] or ["seed"])
+    others = [key for key in varied if key != PLANNER_PLACE]
+    return tuple(given or (varied[:2] if others == varied else others[:1] or varied) or ["seed"])
+
+
+def _apart(over: Sequence[str], plan: "SweepPlan") -> tuple[str, ...]:
+    """Return the keys whose values are drawn apart over these axes: over one key that is not the planner, planners."""
+    from gcs.sweep.plan import PLANNER_PLACE
+
+    varied = [each.place for each in plan.variations]
+    return (PLANNER_PLACE,) if PLANNER_PLACE in varied and len(over) == 1 and PLANNER_PLACE not in over else ()
 
 
 def _metrics(given: Sequence[str], columns: "Sequence[Column]", rows: "Sequence[Row]") -> "tuple[Column, ...]":

@@ -58,20 +58,23 @@ def named_planner(name: str, *, allowed: bool) -> ChosenPlanner:
     return given_planner(_imported(name), name)
 
 
-def planner_of(mission: Mission, *, allowed: bool) -> ChosenPlanner | None:
-    """Return the planner that a mission names, None for cordon's; raises InputError as `named_planner` does.
-
-    Identification flights are cordon's own.
-    """
+def own_planner(mission: Mission) -> str:
+    """Return the name of the planner that a mission flies, empty for cordon's, which flies all identification."""
     name = mission.mission.planner
-    return None if name == CORDONS_PLANNER or mission.excites else named_planner(name, allowed=allowed)
+    return "" if name == CORDONS_PLANNER or mission.excites else name
+
+
+def planner_of(mission: Mission, *, allowed: bool) -> ChosenPlanner | None:
+    """Return the planner that a mission names, None for cordon's; raises InputError as `named_planner` does."""
+    name = own_planner(mission)
+    return named_planner(name, allowed=allowed) if name else None
 
 
 def require_loaded(mission: Mission, planner: ChosenPlanner | None, verb: str) -> None:
     """Raise InputError if a mission names a planner that was not loaded: it would fly with cordon's instead."""
-    if planner is None and mission.mission.planner != CORDONS_PLANNER and not mission.excites:
+    if planner is None and (name := own_planner(mission)):
         cordons = f"--set mission.planner={CORDONS_PLANNER}, or this key in a copy of the mission, flies cordon's"
-        raise InputError([f"mission.planner: {verb} does not fly {mission.mission.planner!r}: {cordons}"])
+        raise InputError([f"mission.planner: {verb} does not fly {name!r}: {cordons}"])
 
 
 def _imported(name: str) -> object:

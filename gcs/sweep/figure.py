@@ -219,20 +219,26 @@ def _draw_spread(
     groups = together.groups(metric)
     known = [(at(place), groups[place,]) for place in together.places(picture.over[0]) if (place,) in groups]
     x = [place for place, _ in known]
-    line: dict[str, Any] = {"color": colour, "marker": "o", "markersize": 3.5, "linewidth": 1.4}
+    style: dict[str, Any] = {} if at_of is None else {"linestyle": "none"}  # nothing is between two names
+    line: dict[str, Any] = {"color": colour, "marker": "o", "markersize": 3.5, "linewidth": 1.4, **style}
     if metric.kind is bool:
         axes.plot(x, [100.0 * values.mean() for _, values in known], **line)
         if metric.name == PASS and (unjudged := together.lacking(metric)):
             flown = [place for (place,) in together.flown()]
             shares = [100.0 * unjudged.get((place,), 0.0) for place in flown]
             order = np.argsort([at(place) for place in flown])
-            marked = _UNJUDGED | ({} if is_alone else {"color": colour})
+            marked = _UNJUDGED | ({} if is_alone else {"color": colour}) | style
             axes.plot([at(flown[i]) for i in order], [shares[i] for i in order], **marked)
         return
     if not known:
         return
     quartiles = np.array([np.percentile(values, (25, 50, 75)) for _, values in known]).T
-    axes.fill_between(x, quartiles[0], quartiles[2], color=colour, alpha=0.18, linewidth=0.0)
+    band: dict[str, Any] = {"color": colour, "alpha": 0.18, "linewidth": 0.0}
+    if at_of is None:
+        axes.fill_between(x, quartiles[0], quartiles[2], **band)
+    else:
+        axes.use_sticky_edges = False  # bars would end the axis at 0
+        axes.bar(x, quartiles[2] - quartiles[0], 0.3, quartiles[0], **band)
     runs: dict[str, Any] = {"color": FAINT, "alpha": 0.6} if is_alone else {"color": colour, "alpha": 0.35}
     for (place,), values in picture.groups(metric).items():
         axes.plot(np.full(values.size, at(place)), values, ".", markersize=3.0, zorder=1, **runs)
@@ -322,6 +328,8 @@ def _draw_words(figure: "Figure", picture: Picture, width_in: float) -> None:
     lacking = [metric for metric in picture.metrics if picture.lacking(metric)]
     if not is_map:
         median: dict[str, Any] = {"marker": "o", "markersize": 3.5}
+        if not all(map(_is_number, picture.places(picture.over[0]))):
+            median["linestyle"] = "none"
         handles += [
             Line2D([], [], label=f"median: {name}" if name else "median", color=COLOURS[at % len(COLOURS)], **median)
             for at, name in enumerate(picture.parts())

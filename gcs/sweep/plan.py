@@ -1,6 +1,6 @@
 """The plan of a sweep: everything that its runs depend on, fixed at the start, and the list of runs."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import product
 from typing import Any
@@ -12,10 +12,10 @@ from gcs.flightlog.run import versions
 from gcs.mission.file import MissionError, mission_path, mission_text, parse_mission
 from gcs.mission.mission import Mission
 from gcs.mission.overrides import overridden
-from gcs.mission.planner import require_loaded
+from gcs.mission.planner import named_planner, own_planner
 from gcs.sweep.variation import Variation
 
-SEED_PLACE, DURATION_PLACE = "mission.seed", "mission.duration_s"
+SEED_PLACE, DURATION_PLACE, PLANNER_PLACE = "mission.seed", "mission.duration_s", "mission.planner"
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,20 +28,24 @@ class SweepRun:
 
 
 class SweepTask(msgspec.Struct, frozen=True):
-    """The input of a worker for one run. `versions` are those of the computer that planned it."""
+    """The input of a worker for one run. `versions` are those of the computer that planned it.
+
+    `planners` are the users' planners that were allowed there, each with the digest of its source.
+    """
 
     mission_text: str
     profile_texts: Mapping[str, str]
     seed: int
     duration_s: float | None
     versions: Mapping[str, str]
+    planners: Mapping[str, str] = {}
 
 
 class SweepPlan(msgspec.Struct, frozen=True):
     """The content of a sweep: a mission's text, overrides (`fixed` ones for all runs), and the seeds.
 
     Two sweeps with equal plans have the same table. `duration_s` is None for the mission's. `versions` are those of
-    all packages that results depend on.
+    all packages that results depend on, `planners` the digests of the sources of users' planners, by their names.
     """
 
     mission_text: str
@@ -51,6 +55,7 @@ class SweepPlan(msgspec.Struct, frozen=True):
     seeds: tuple[int, ...]
     duration_s: float | None
     versions: dict[str, str]
+    planners: dict[str, str] = {}
 
     @property
     def combinations(self) -> list[dict[str, Any]]:
@@ -74,7 +79,12 @@ class SweepPlan(msgspec.Struct, frozen=True):
 
     def differences(self, other: "SweepPlan") -> list[str]:
         """Return the parts in which the other plan differs."""
-        names = {"fixed": "values of --set", "variations": "varied values", "profile_texts": "profiles"}
+        names = {
+            "fixed": "values of --set",
+            "variations": "varied values",
+            "profile_texts": "profiles",
+            "planners": "sources of planners",
+        }
         return [
             names.get(field, field.replace("_", " "))
             for field in SweepPlan.__struct_fields__
@@ -95,7 +105,7 @@ class Tasks:
         plan = self._plan
         if run.values != self._values:
             self._values, self._text = run.values, overridden(plan.mission_text, {**plan.fixed, **run.values})
-        return SweepTask(self._text, plan.profile_texts, run.seed, plan.duration_s, plan.versions)
+        return SweepTask(self._text, plan.profile_texts, run.seed, plan.duration_s, plan.versions, plan.planners)
 
 
 def planned(
@@ -106,11 +116,14 @@ def planned(
     duration_s: float | None,
     inspect: Callable[[Mission], None] = lambda _: None,
     interrupted: Callable[[], bool] = lambda: False,
+    *,
+    allow_plugins: bool = False,
 ) -> tuple[SweepPlan, dict[int, str]]:
     """Return the plan of a sweep, and the faults of runs with invalid missions, by run index; `inspect` the valid ones.
 
-    Without seeds, the mission's is the only one. Raises InputError if no run has a valid mission, and for keys that
-    cannot be varied; KeyboardInterrupt when `interrupted`.
+    Without seeds, the mission's is the only one. Users' planners are imported if `allow_plugins`. Raises InputError if
+    no run has a valid mission, for keys that cannot be varied, and for planners that are not allowed or cannot be
+    imported; KeyboardInterrupt when `interrupted`.
     """
     _require_variable([each.place for each in variations], fixed, bool(seeds), duration_s)
     text, folder = mission_text(mission), mission_path(mission).parent
@@ -119,23 +132,39 @@ def planned(
     plan = SweepPlan(text, {}, dict(fixed), tuple(variations), tuple(seeds), duration_s, here)
     flyable: Mission | None = None
     faults: dict[int, InputError] = {}
+    named: dict[str, None] = {}
     for index, values in enumerate(plan.combinations):
         if interrupted():
             raise KeyboardInterrupt
         try:
             parsed = parse_mission(overridden(text, plan.fixed | values), folder, profile_texts)
-            require_loaded(parsed, None, "a sweep")
         except InputError as error:
             faults[index] = error
         else:
             flyable, profile_texts = flyable or parsed, dict(parsed.profile_texts)
             inspect(parsed)
+            named |= dict.fromkeys(filter(None, [own_planner(parsed)]))
+    planners = _digests(named, allowed=allow_plugins)
     if flyable is None:
         raise MissionError(faults[0].faults)
-    plan = msgspec.structs.replace(plan, seeds=tuple(seeds) or (flyable.mission.seed,), profile_texts=profile_texts)
+    seeds = tuple(seeds) or (flyable.mission.seed,)
+    plan = msgspec.structs.replace(plan, seeds=seeds, profile_texts=profile_texts, planners=planners)
     seeds_each = len(plan.seeds)
     reasons = {index: "; ".join(error.faults) for index, error in faults.items()}
     return plan, {index * seeds_each + k: text for index, text in reasons.items() for k in range(seeds_each)}
+
+
+def _digests(names: Iterable[str], *, allowed: bool) -> dict[str, str]:
+    """Import users' planners and return the digests of their sources by name; raises InputError with every fault."""
+    digests, faults = dict[str, str](), list[str]()
+    for name in names:
+        try:
+            digests[name] = named_planner(name, allowed=allowed).digest
+        except InputError as error:
+            faults += error.faults
+    if faults:
+        raise InputError(faults)
+    return digests
 
 
 def _require_variable(

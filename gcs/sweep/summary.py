@@ -7,7 +7,7 @@ from dataclasses import asdict, dataclass
 
 from gcs.mission.overrides import override_text
 from gcs.sweep.columns import PASS, Column, Row, failed_verdicts
-from gcs.sweep.plan import SweepPlan, SweepRun, counted
+from gcs.sweep.plan import PLANNER_PLACE, SweepPlan, SweepRun, counted
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,7 +47,9 @@ def command(plan: SweepPlan, run: SweepRun, mission: str) -> str:
     values = {**plan.fixed, **run.values}
     words = [word for place, value in values.items() for word in ("--set", override_text(place, value))]
     duration = [] if plan.duration_s is None else ["--duration", str(plan.duration_s).removesuffix(".0")]
-    return shlex.join(["cordon", "sim", mission, *words, "--seed", str(run.seed), *duration])
+    named = values.get(PLANNER_PLACE, next(iter(plan.planners), ""))
+    plugins = ["--allow-plugins"] if named in plan.planners else []
+    return shlex.join(["cordon", "sim", mission, *words, "--seed", str(run.seed), *duration, *plugins])
 
 
 def _worst(metrics: Sequence[str]) -> list[str]:

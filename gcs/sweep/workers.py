@@ -4,7 +4,7 @@ import gc
 import os
 import signal
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import Future, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
@@ -16,11 +16,14 @@ from threading import Thread
 from types import ModuleType
 from typing import Any, Protocol
 
+from agents.control.plan import PlannerFactory
 from gcs.errors import InputError
 from gcs.flight.simulated import fly_simulated
 from gcs.flightlog.run import versions
 from gcs.metrics.metrics import evaluated
 from gcs.mission.file import parse_mission
+from gcs.mission.mission import Mission
+from gcs.mission.planner import ChosenPlanner, named_planner, own_planner
 from gcs.signals import ENDING, as_they_are
 from gcs.sweep.columns import Row, result_row
 from gcs.sweep.forkserver import start_forkserver
@@ -31,13 +34,13 @@ Task = Callable[[], Row]
 
 
 class UnlikeWorkerError(Exception):
-    """A worker has other versions of packages that results depend on."""
+    """A worker has other versions of packages that results depend on, or another source of a user's planner."""
 
 
 def flown(task: SweepTask) -> Row:
     """Fly a run and return its metrics; a failed run is a row with only `error`.
 
-    Raises UnlikeWorkerError if this computer's versions differ from those of the task.
+    Raises UnlikeWorkerError if this computer's versions or planners differ from those of the task.
     """
     here = _versions()
     unlike = [
@@ -49,12 +52,40 @@ def flown(task: SweepTask) -> Row:
         raise UnlikeWorkerError(f"a worker has {', '.join(unlike)}")
     try:
         mission = parse_mission(task.mission_text, None, task.profile_texts)
-        record = fly_simulated(mission, task.seed, task.duration_s or mission.mission.duration_s, _ignore)
+        duration_s = task.duration_s or mission.mission.duration_s
+        record = fly_simulated(mission, task.seed, duration_s, _ignore, planner=_factory(mission, task.planners))
         return result_row(evaluated(mission, record))
+    except UnlikeWorkerError:
+        raise
     except InputError as error:
         return failure("; ".join(error.faults))
     except Exception as error:  # no error of one run ends the sweep
         return failure(f"{type(error).__name__}: {error}")
+
+
+def _factory(mission: Mission, planners: Mapping[str, str]) -> PlannerFactory | None:
+    """Return what makes the planners of a run, None for cordon's; only those of the task are imported.
+
+    Raises UnlikeWorkerError for a planner of another source than where the sweep was planned.
+    """
+    name = own_planner(mission)
+    if not name:
+        return None
+    wanted = planners[name]
+    try:
+        planner = _imported(name)
+    except InputError as error:
+        raise UnlikeWorkerError(f"a worker lacks a planner: {'; '.join(error.faults)}") from error
+    if planner.digest != wanted:
+        sources = f"source {planner.digest or 'unknown'} instead of {wanted or 'unknown'}"
+        raise UnlikeWorkerError(f"a worker has planner {name} of {sources}; it keeps what it imported until it ends")
+    return planner.factory
+
+
+@cache
+def _imported(name: str) -> ChosenPlanner:
+    """Import a planner once: the digest remains that of the source that runs, whatever becomes of the file."""
+    return named_planner(name, allowed=True)
 
 
 def failure(reason: str) -> Row:

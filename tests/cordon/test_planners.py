@@ -17,7 +17,6 @@ from gcs.mission.planner import VARIABLE, given_planner, named_planner
 from gcs.replay.cores import replay
 from gcs.report.evidence.reading import read_flight
 from gcs.report.tables import value_table
-from gcs.sweep.plan import planned
 from tests.support.flight_logs import engaging
 from tests.support.paths import DOCS
 
@@ -88,11 +87,6 @@ def test_a_logged_flight_is_replayed_bit_for_bit_and_holds_planner_and_values(tm
     seen = flown.vehicles[2].values["gap_rad"]
     figures = (np.nanmin(seen), np.nanmean(seen), np.nanmax(seen), seen[-1])
     assert rows["2", "gap_rad"] == tuple(f"{each:.4g}" for each in figures)
-
-
-def test_a_sweep_refuses_a_mission_whose_planner_it_would_not_fly() -> None:
-    with pytest.raises(cordon.InputError, match="a sweep does not fly 'x:Y'"):
-        planned("case2", (), (), {"mission.planner": "x:Y"}, None)
 
 
 def test_another_source_of_a_replayed_planner_is_reported(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -10,7 +10,7 @@ from pathlib import Path
 
 from agents.ports import VehicleRefusedError
 from agents.team.messages import CommandedRing
-from agents.team.verbs import CommandVerb
+from agents.team.verbs import Verb
 from estimation.frames import Triple
 from gcs.console.command_client import CommandResult
 from gcs.console.verb_arguments import GivenCommand
@@ -39,7 +39,7 @@ class Asked:
     """A command to vehicles, and its number among those of the program."""
 
     number: int
-    verb: CommandVerb
+    verb: Verb
     given: GivenCommand
 
 

@@ -2,22 +2,26 @@
 
 import json
 import os
+import runpy
 import shlex
 import signal
 import subprocess
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
+from hashlib import sha256
 from pathlib import Path
 from typing import Any
 
 import psutil
 import pytest
 
+import cordon
+from agents.control.plan import PlannerFactory
 from gcs.errors import Exit
 from gcs.link.ports import free_ports
 from tests.conftest import RunHere
-from tests.support.paths import MISSIONS
+from tests.support.paths import DOCS, MISSIONS
 from tests.support.result_keys import OUTPUT_KEYS
 from tests.support.wire import PATIENCE_S, until_now
 
@@ -28,12 +32,19 @@ FLIGHT = ("case2", "--vary", "encirclement.radius_m=8:12:2", "--seeds", "0:6", "
 FLOWN = Exit.VERDICT_FAILED
 """These flights end before a vehicle could engage: they are not judged."""
 MIDDLE = 4
+PLANNERS = DOCS / "examples" / "planners"
 ENVIRONMENT = {**os.environ, "NO_COLOR": "1", "TERM": "dumb", "COLUMNS": "200"}
 
 
-def start(*arguments: str) -> "subprocess.Popen[str]":
+def environment_of(path: object) -> dict[str, str]:
+    """Return the environment of a process that finds planners in a folder."""
+    return {**ENVIRONMENT, "PYTHONPATH": os.pathsep.join(filter(None, (str(path), ENVIRONMENT.get("PYTHONPATH"))))}
+
+
+def start(*arguments: str, path: object = "") -> "subprocess.Popen[str]":
     command = [sys.executable, "-m", "gcs", "sweep", *arguments]
-    return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=ENVIRONMENT)
+    environment = environment_of(path) if path else ENVIRONMENT
+    return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=environment)
 
 
 def ended(process: "subprocess.Popen[str]") -> tuple[Exit, str, str]:
@@ -137,9 +148,11 @@ def test_a_signal_ends_it_although_a_worker_hangs(tmp_path: Path) -> None:
 
 
 @contextmanager
-def dask(*arguments: str) -> Iterator["subprocess.Popen[str]"]:
+def dask(*arguments: str, path: str = "") -> Iterator["subprocess.Popen[str]"]:
+    """Start a scheduler or a worker; `path` is the folder of a worker's planners."""
     command = [sys.executable, "-m", "distributed.cli.dask_" + arguments[0], *arguments[1:], "--no-dashboard"]
-    process = subprocess.Popen(command, text=True, env=ENVIRONMENT, stderr=subprocess.DEVNULL)
+    environment = environment_of(path) if path else ENVIRONMENT
+    process = subprocess.Popen(command, text=True, env=environment, stderr=subprocess.DEVNULL)
     try:
         yield process
     finally:
@@ -163,6 +176,61 @@ def test_on_a_cluster_a_killed_worker_changes_nothing(tmp_path: Path, table: byt
         assert ended(process)[0] is FLOWN
     assert (tmp_path / "runs.parquet").read_bytes() == table
     assert finished(tmp_path) == RUNS
+
+
+PLANNER = "cyclic_pursuit:CyclicPursuit"
+COMPARED = ("case2-field", "--set", "target.start_m=[8.0, -5.0]", "--vary", f"mission.planner=cordon,{PLANNER}")
+
+
+def test_planners_are_compared_in_a_table_and_a_figure(tmp_path: Path, run_here: RunHere) -> None:
+    pandas = pytest.importorskip("pandas")
+    folder = tmp_path / "results"
+    given = (*COMPARED, "--vary", "encirclement.radius_m=8,10", "--duration", "25", "--out", str(folder))
+    assert ended(start(*given, path=PLANNERS))[0] is Exit.BAD_INPUT
+    assert not folder.exists()
+    assert ended(start(*given, "--allow-plugins", path=PLANNERS))[0] is FLOWN
+    table = pandas.read_parquet(folder / "runs.parquet")
+    assert [*table["mission.planner"]] == ["cordon", "cordon", PLANNER, PLANNER]
+    flown = cordon.simulate(
+        cordon.load("case2-field", {"target.start_m": [8.0, -5.0], "encirclement.radius_m": 10}),
+        duration_s=25.0,
+        planner=class_of(PLANNERS / "cyclic_pursuit.py", "CyclicPursuit"),
+    )
+    assert table["closest_approach_m"][3] == flown.metrics.closest_approach_m != table["closest_approach_m"][1]
+    figure = tmp_path / "sweep.svg"
+    assert run_here("sweep", "plot", str(folder), "--out", str(figure)).code == Exit.HOLDS
+    for name in ("cordon", PLANNER):
+        assert f"<!-- median: {name} -->" in figure.read_text(), "each has a colour of its own"
+    assert run_here("sweep", "plot", str(folder), "--over", "mission.planner", "--out", str(figure)).code == Exit.HOLDS
+    assert "CyclicPursuit -->" in figure.read_text()
+    assert "<!-- median -->" in figure.read_text(), "side by side"
+
+
+@pytest.mark.wire
+@pytest.mark.long
+def test_a_worker_of_a_cluster_with_another_source_of_a_planner_ends_the_sweep(tmp_path: Path) -> None:
+    pytest.importorskip("distributed")
+    source, other = (PLANNERS / "cyclic_pursuit.py").read_bytes(), tmp_path / "other"
+    other.mkdir()
+    (other / "cyclic_pursuit.py").write_bytes(source + b"# changed\n")
+    here, there = (sha256(each).hexdigest()[:16] for each in (source, source + b"# changed\n"))
+    scheduler = f"tcp://127.0.0.1:{free_ports(1)[0]}"
+    worker = ("worker", scheduler, "--nthreads", "1", "--no-nanny")
+    given = (*COMPARED, "--allow-plugins", "--duration", "5", "--scheduler", scheduler)
+    with dask("scheduler", "--host", "127.0.0.1", "--port", scheduler.rpartition(":")[2]):
+        with dask(*worker, path=str(other)):
+            code, _, err = ended(start(*given, "--out", str(tmp_path / "unlike"), path=PLANNERS))
+        assert code is Exit.ENDED_IN_FLIGHT
+        assert f"planner {PLANNER} of source {there} instead of {here}" in err
+        with dask(*worker, path=str(PLANNERS)):
+            assert ended(start(*given, "--out", str(tmp_path / "like"), path=PLANNERS))[0] is FLOWN
+    assert '"error":' not in (tmp_path / "like" / "runs.jsonl").read_text()
+
+
+def class_of(path: Path, name: str) -> PlannerFactory:
+    """Return a class of a file."""
+    factory: PlannerFactory = runpy.run_path(str(path))[name]
+    return factory
 
 
 def test_runs_that_fail_are_rows_and_the_worst_fly_again(tmp_path: Path, run_here: RunHere) -> None:

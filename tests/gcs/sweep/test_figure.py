@@ -87,6 +87,14 @@ def test_a_map_hatches_what_was_not_judged_and_leaves_what_has_no_mission_grey(
         assert (drawn["all"].count(style), drawn["valid"].count(style)) == (2, 0), "a cell, and the legend"
 
 
+def test_nothing_is_drawn_between_two_names(plan: SweepPlan, rows: dict[int, Row]) -> None:
+    for over, joined in ((RADIUS, {"-"}), (SHAPE, {"None"})):
+        figure = sweep_figure(Picture("", METRICS[1:2], (over,), full_rows(plan, rows)))
+        medians = [line for line in figure.axes[0].lines if line.get_marker() == "o"]
+        assert {line.get_linestyle() for line in medians} == joined
+        assert bool(figure.axes[0].patches) is (over == SHAPE)
+
+
 def test_figures_are_drawn_over_one_key_over_two_and_over_the_seed(
     plan: SweepPlan, rows: dict[int, Row], tmp_path: Path
 ) -> None:
