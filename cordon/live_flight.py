@@ -70,7 +70,7 @@ class LiveFlight:
         self._numbers = count()
         self._record: FlightRecord | None = None
         self._error: InputError | VehicleRefusedError | None = None
-        self._begun = self._over = False
+        self._begun = self._is_known = self._over = False
         self._changed = asyncio.Event()
 
     @property
@@ -219,10 +219,10 @@ class LiveFlight:
                 self._events += message.events
             case Answers():
                 self._answers[message.number] = message
-            case Failed(error):
-                self._error = error
             case Over(record):
-                self._record = record
+                self._record, self._is_known = record, True
+            case Failed(error) if not self._is_known:  # of a flight that is over the supervisor tells who is missing
+                self._error, self._is_known = error, True
             case None:
                 self._over = True
         self._changed.set()

@@ -80,8 +80,8 @@ import pytest
 def test_flight(cordon_flight, closest_m):
     mission = cordon.load("case2", {"target.start_m": [10.0, 0.0]})
     wider = cordon.Commanded(20.0, "ring radius=12")
-    result = cordon_flight(mission, duration_s=45.0, faults=["gust@30:2"], commands=[wider], speed=20.0)
-    assert result.faults == ("gust@30:2",)
+    result = cordon_flight(mission, duration_s=45.0, faults=["GPS-jump@30:2"], commands=[wider], speed=20.0)
+    assert result.faults == ("GPS-jump@30:2",)
     assert {event.ring.radius_m for event in result.events if event.ring is not None} == {12.0}
     assert result.closest_approach_m > closest_m
 """
@@ -92,8 +92,8 @@ def test_flights_run_beside_each_other_and_a_failing_test_keeps_log_and_report(p
     done = run_pytest(project, "-n", "2", "--basetemp", str(tmp_path / "base"), "-m", "cordon", "test_flights.py")
     assert "1 failed, 1 passed" in done.stdout, done.stdout + done.stderr
     ((log, page),) = re.findall(r"^log: (.*\.mcap), report: (.*\.html)$", done.stdout, re.MULTILINE)
-    assert cordon.read(log).metrics.faults == ("gust@30:2",)
-    assert "gust" in Path(page).read_text(encoding="utf-8")
+    assert cordon.read(log).metrics.faults == ("GPS-jump@30:2",)
+    assert "GPS" in Path(page).read_text(encoding="utf-8")
 
 
 def test_tests_with_stubs_have_a_mark(project: Path) -> None:
