@@ -173,6 +173,8 @@ class LiveFlight:
 
     async def __aenter__(self) -> Self:
         """Connect, check, and take off; raises VehicleRefusedError and InputError."""
+        if self._process is not None:
+            raise VehicleRefusedError("this flight was begun before", "make another one by cordon.fly")
         loop = asyncio.get_running_loop()
 
         def receive(message: Message | None) -> None:

@@ -5,15 +5,22 @@ half of each parameter; the profile's plant with the residual is the controller'
 disturbance oscillators of the own-vehicle filter (docs/notes/control.md) and without them, beside the profile's plant
 alone and the true one, which no learning can surpass. All paths are true ones. The last line is the share of the radius
 error that repeats with the phase on the ring: no periodic correction removes more.
+
+With `--log`, vehicles learn from a log, such as one of a flight on an autopilot's firmware: a profile with the learnt
+plant is written for each vehicle (its name ends with the id), to be flown by another flight. With `--oscillators off`
+it has none.
 """
 
+import re
 from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
+from pathlib import Path
 from statistics import median
 
 import numpy as np
 
+import cordon
 from agents.outputs import TickOutput
 from estimation.plant.model import Plant, PlantAxis
 from estimation.state import POSITION, Vector
@@ -23,6 +30,7 @@ from sitl.simulation.simulation import SimulatedFlight
 from tests.experiments.arguments import seeded_parser
 from tests.experiments.plant_family import Draw, Flown, drawn, judged
 from tests.support.observed_flight import observed
+from tests.support.paths import PROFILES
 
 SPAN_S = 1.0
 """Speeds are compared over this time: the noise of one sample's acceleration would hide the plant."""
@@ -195,6 +203,40 @@ def main(count: int, first: int) -> int:
     return 0
 
 
+def write_profiles(log: Path, folder: Path, *, learns: bool, oscillators: bool) -> int:
+    """Write the profile of each vehicle of a log, with the plant that it learnt in this flight if it `learns`."""
+    flight = cordon.read(log)
+    rate_hz, bearing_rad = flight.mission.mission.rate_hz, flight.mission.mission_frame().x_bearing_rad
+    assert np.isclose(np.sin(bearing_rad), 1.0), "profiles point north and west, and the mission east"
+    for vehicle in flight.mission.vehicles:
+        flown = flight.vehicles[vehicle.id]
+        motion = np.hstack([flown.position_estimate_m, flown.velocity_estimate_m_s])
+        setpoint = np.hstack([flown.setpoint_m[:, POSITION], flown.setpoint_velocity_m_s[:, POSITION]])
+        known = np.isfinite(np.hstack([motion, setpoint])).all(axis=1)
+        own = Own(list(motion[known]), [tuple(row) for row in setpoint[known].tolist()])
+        plant = learnt(vehicle.plant, own, rate_hz) if learns else vehicle.plant
+        text = (PROFILES / f"{vehicle.section.profile}.toml").read_text(encoding="utf-8")
+        for name, axis in (("x", plant.y), ("y", plant.x)):
+            values = f"a0_per_s2 = {axis.a0_per_s2:.4f}\na1_per_s = {axis.a1_per_s:.4f}\n"
+            text = re.sub(rf"(\[{name}\]\n).*\n.*\n", rf"\1{values}", text)
+        text = text.partition("[identified]")[0]
+        if not oscillators:
+            text = text.replace("[own_filter]\n", "[own_filter]\ndisturbance_turns = false\n")
+        path = folder / f"{vehicle.section.profile}-{vehicle.id}.toml"
+        path.write_text(text, encoding="utf-8")
+        numbers = ", ".join(f"{each.a0_per_s2:.3f} and {each.a1_per_s:.3f}" for each in (plant.x, plant.y))
+        print(f"{path}: a0 and a1 along the mission's x and y: {numbers}")
+    return 0
+
+
 if __name__ == "__main__":
-    given = seeded_parser("learned_plant", __doc__, 50).parse_args()
+    reader = seeded_parser("learned_plant", __doc__, 50)
+    reader.add_argument("--log", type=Path, help="the flight to learn from, in place of the family")
+    reader.add_argument("--profiles", type=Path, default=Path(), help="where to write profiles (default: here)")
+    reader.add_argument("--oscillators", choices=("on", "off"), default="on", help="those of the written profiles")
+    reader.add_argument("--plant", choices=("learnt", "profile"), default="learnt", help="that of the written profiles")
+    given = reader.parse_args()
+    if given.log is not None:
+        how = {"learns": given.plant == "learnt", "oscillators": given.oscillators == "on"}
+        raise SystemExit(write_profiles(given.log, given.profiles, **how))
     raise SystemExit(main(given.count, given.first))

@@ -68,6 +68,8 @@ async def test_leaving_the_block_lands_the_vehicles(tmp_path: Path) -> None:
     async with flight_of(ring_mission(), tmp_path, 600.0) as flight:
         await flight.until("encircle", within_s=60.0)
     assert flight.is_over
+    with pytest.raises(cordon.VehicleRefusedError, match="this flight was begun before"):
+        await flight.__aenter__()
     assert {vehicle.ended for vehicle in flight.vehicles.values()} == {"disarmed"}
     assert flight.result.ended is not None
     assert flight.result.ended.how is FlightEnd.OPERATOR
