@@ -230,7 +230,7 @@ def _filter_lines(found: ParameterEstimate) -> list[str]:
     noise = found.noise
     assert noise is not None
     return [
-        f"\n# IdentificationResult from the same flight: the error of a prediction {AHEAD_S:g} s ahead is "
+        f"\n# Identified from the same flight: with it, the error of a prediction {AHEAD_S:g} s ahead is "
         f"{noise.predicted_rms_m:.3f} m rms.",
         "[own_filter]",
         f"position_noise_m = {noise.position_noise_m:.3g}",

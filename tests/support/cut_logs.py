@@ -125,7 +125,8 @@ def main(source: Path) -> None:
     (DATA / "px4-quad-excitation.ulg").write_bytes(cut_ulog(px4, WHOLE_US, EXCITATION_ULOG_EVERY, ULOG_LIMITS))
     arducopter = (source / "arducopter-excitation.bin").read_bytes()
     (DATA / "arducopter.bin").write_bytes(cut_bin(arducopter, BIN_UNTIL_US, BIN_KEPT))
-    whole = cut_bin(arducopter, WHOLE_US[1], EXCITATION_BIN_KEPT, BIN_LIMITS)
+    excited = (source / "arducopter-excite.bin").read_bytes()
+    whole = cut_bin(excited, WHOLE_US[1], EXCITATION_BIN_KEPT, BIN_LIMITS)
     (DATA / "arducopter-excitation.bin").write_bytes(whole)
     cut_mcap(source / "stub-excitation.mcap", DATA / "stub-excitation.mcap")
     for name in ("px4-quad", "arducopter"):

@@ -245,7 +245,7 @@ def test_a_value_is_tried_on_vehicles_that_flew_with_different_ones(tmp_path: Pa
     found = what_if(log, mission, changed_filters(mission, ["own_filter.velocity_noise_m_s=0.232"]))
     (change,) = found.changes
     assert change.key == "own_filter.velocity_noise_m_s"
-    assert (change.recorded, change.tried) == ({1: 0.232, 2: 0.0266, 3: 0.232}, 0.232)
+    assert (change.recorded, change.tried) == ({1: 0.232, 2: 0.02, 3: 0.232}, 0.232)
     differences_m = {each.vehicle_id: each.difference_m for each in found.outcomes}
     assert (differences_m[1], differences_m[3]) == (0.0, 0.0)
     assert differences_m[2] != 0.0
