@@ -61,7 +61,7 @@ class Px4Simulator:
     def start(self) -> None:
         """Start the process; parameters of an earlier start are kept, as on a flight controller."""
         latitude, longitude, altitude = self.place
-        parameters = {"SDLOG_BACKEND": 0.0, **self._parameters}
+        parameters = {"SDLOG_MODE": -1.0, **self._parameters}
         environment = os.environ | {
             "PX4_SIM_MODEL": SIH_QUADROTOR,
             "PX4_HOME_LAT": str(latitude),
