@@ -85,6 +85,9 @@ ALONE = (
     VerbRun("log recover", "sim.mcap"),
     VerbRun("log layout"),
     VerbRun("log export", "--ros2 sim.mcap"),
+    VerbRun("log export", "--kml sim.mcap"),
+    VerbRun("log export", "--gpx sim.mcap"),
+    VerbRun("log export", "--geojson sim.mcap"),
     VerbRun("keys init"),
     *(
         VerbRun(f"keys issue {role}", "1" if role == "vehicle" else "hill")
