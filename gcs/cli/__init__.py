@@ -20,7 +20,7 @@ GROUPS = {
     "Plan": ("missions", "new", "schema", "sim", "sweep", "check"),
     "Fly": ("fly", "start", "sitl", "drill", "excite", "relay", "router"),
     "Operate": ("watch", "station", "command", "target", "ros2", "keys"),
-    "Analyse": ("report", "replay", "identify", "log"),
+    "Analyse": ("report", "replay", "identify", "log", "flights"),
 }
 """The verbs in the order of the help."""
 VERBS = tuple(verb for verbs in GROUPS.values() for verb in verbs)

@@ -82,6 +82,7 @@ ALONE = (
     VerbRun("sweep plot", "swept", keys=OUTPUT_KEYS["sweep plot"]),
     VerbRun("report", "sim.mcap", (0, 1), RESULT_KEYS[""]),
     VerbRun("replay", "sim.mcap", keys=OUTPUT_KEYS["replay"]),
+    VerbRun("flights", ". --csv flights.csv", keys=OUTPUT_KEYS["flights"]),
     VerbRun("log recover", "sim.mcap"),
     VerbRun("log layout"),
     VerbRun("log export", "--ros2 sim.mcap"),
