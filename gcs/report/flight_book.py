@@ -31,6 +31,8 @@ CSV_COLUMNS = (
     *("began", "mission", "source", "latitude_deg", "longitude_deg", "crew"),
     *("vehicle", "kind", "airborne_min", "ended", "verdicts", "damaged", "log"),
 )
+_UNIX_MAX_S = 4e9
+"""In the year 2096."""
 _SECONDS, _MINUTES = 1, 2
 """Digits behind the point."""
 Progress = Callable[[float], None]
@@ -157,6 +159,8 @@ def date_text(unix_s: float) -> str:
 def booked(log: FlightLog) -> BookedFlight:
     """Return the entry of a log, of which the records of `KINDS` are read; raises LogError for a damaged record."""
     run = log.run
+    if not 0.0 <= run.began_s < _UNIX_MAX_S:
+        raise LogError([f"{log.path}: it began at {run.began_s:g} s of Unix time, which is no date"])
     vehicles = tuple(_vehicle(log, each) for each in run.vehicles)
     return BookedFlight(
         log.path.name,

@@ -186,6 +186,14 @@ def test_a_damaged_chunk_is_a_fault(tmp_path: Path, run_here: RunHere) -> None:
         assert named in ran.err
 
 
+def test_a_log_without_a_date_is_listed_with_its_fault(tmp_path: Path) -> None:
+    write_flight(tmp_path / "flight.mcap", began_s=1e9)
+    write_flight(tmp_path / "undated.mcap", began_s=5e9)
+    book = book_of(*sorted(tmp_path.iterdir()))
+    assert [each.log for each in book.flights] == ["flight.mcap"]
+    assert [(each.log, "5e+09" in each.fault) for each in book.unread] == [("undated.mcap", True)]
+
+
 def test_the_command_prints_a_table_json_and_csv(tmp_path: Path, run_here: RunHere, subtests: pytest.Subtests) -> None:
     write_flight(tmp_path / "flight.mcap")
     with subtests.test("table"):
