@@ -38,6 +38,14 @@ class Certificates:
     key: Path | None = None
     authority: Path | None = None
 
+    def check_authority(self) -> None:
+        """Raise InputError if the file of the authority holds no certificate."""
+        if self.authority is not None:
+            try:
+                ssl.create_default_context(cafile=self.authority)
+            except OSError as error:
+                raise InputError([f"--authority: {self.authority}: {error.strerror or 'no certificate'}"]) from error
+
 
 @dataclass(frozen=True, slots=True)
 class Endpoint:
@@ -85,6 +93,7 @@ class Connection:
 
         logging.getLogger("pytak").setLevel(logging.CRITICAL)
         logging.getLogger(pytak.Worker.__module__).setLevel(logging.CRITICAL)
+        self._certificates.check_authority()
         config = self._config()
         try:
             self._reader, self._writer = await pytak.protocol_factory(config)

@@ -68,6 +68,7 @@ BESIDE = (
     VerbRun("station", "--mission fly.toml --address 127.0.0.1:{page}", ready="http", lasts=True),
     VerbRun("target", "0 0 --mission fly.toml"),
     VerbRun("ros2", "fly.toml --router tcp/127.0.0.1:9", (3,)),  # there is no router of ROS
+    VerbRun("cot", "fly.toml --to tcp://127.0.0.1:9", (3,)),  # there is no server of TAK
     VerbRun("command", "land --mission fly.toml"),
 )
 STUBS = VerbRun("sitl", "stubs.toml", ready="Ctrl-C", lasts=True)
