@@ -111,14 +111,14 @@ def cot(options: CotOptions = _DEFAULTS) -> Exit:
 def _side(options: CotOptions) -> "CotSide":
     """Return where events go and come from; raises InputError."""
     from gcs.cot.bridge import CotSide
-    from gcs.cot.transport import Certificates, Endpoint
+    from gcs.cot.transport import Certificates, CotEndpoint
 
     if options.to is None and options.source is None:
         raise InputError(
             ["--to: name where events go, such as udp://239.2.3.1:6969, or by --from where they come from"]
         )
-    to = None if options.to is None else Endpoint.parsed("--to", options.to)
-    source = None if options.source is None else Endpoint.parsed("--from", options.source)
+    to = None if options.to is None else CotEndpoint.parsed("--to", options.to)
+    source = None if options.source is None else CotEndpoint.parsed("--from", options.source)
     secured = any(each is not None and each.scheme == "tls" for each in (to, source))
     for name, path in (("--cert", options.cert), ("--cert-key", options.cert_key), ("--authority", options.authority)):
         if path is not None and not secured:

@@ -22,7 +22,7 @@ from gcs.console.team_bus import guest_bus
 from gcs.console.team_state import TeamMissions
 from gcs.cot.events import alarm_event, ring_event, target_event, vehicle_event
 from gcs.cot.sightings import EventRefusedError, EventSightings, TrackedTarget
-from gcs.cot.transport import Certificates, Connection, Endpoint
+from gcs.cot.transport import Certificates, CotConnection, CotEndpoint
 from gcs.errors import InputError
 from gcs.keys.identity import Identity
 from gcs.mission.mission import Mission
@@ -41,8 +41,8 @@ class CotSide:
     `geoid_m` is the height of the geoid above the ellipsoid at the mission, None if it is not known.
     """
 
-    to: Endpoint | None
-    source: Endpoint | None
+    to: CotEndpoint | None
+    source: CotEndpoint | None
     certificates: Certificates
     geoid_m: float | None
 
@@ -68,10 +68,10 @@ class CotBridge:
         self._bus = guest_bus(mission, sensor)
         self._clock, self._missions = TeamClock(), TeamMissions(mission)
         self._team = TeamEvents(mission, side.geoid_m)
-        self._out = None if side.to is None else Connection(side.to, side.certificates, sends=True)
+        self._out = None if side.to is None else CotConnection(side.to, side.certificates, sends=True)
         self._in = self._out
         if side.source is not None and (side.source != side.to or side.source.scheme == "udp"):
-            self._in = Connection(side.source, side.certificates, sends=False)
+            self._in = CotConnection(side.source, side.certificates, sends=False)
         self.sightings = None if target is None else EventSightings(mission, target)
         """The sightings taken and refused so far; None if none are taken."""
         self.sent = 0
@@ -129,14 +129,14 @@ class CotBridge:
             with suppress(TimeoutError):
                 await asyncio.wait_for(stop.wait(), _POLL_S)
 
-    async def _send(self, connection: Connection) -> None:
+    async def _send(self, connection: CotConnection) -> None:
         while True:
             for event in self._team.events(monotonic(), time()):
                 await connection.send(event)
                 self.sent += 1
             await asyncio.sleep(PERIOD_S)
 
-    async def _receive(self, connection: Connection) -> None:
+    async def _receive(self, connection: CotConnection) -> None:
         while True:
             event = await connection.receive()
             if self.sightings is not None and connection is self._in:

@@ -48,7 +48,7 @@ class Certificates:
 
 
 @dataclass(frozen=True, slots=True)
-class Endpoint:
+class CotEndpoint:
     """Where events are sent to or come from."""
 
     scheme: str
@@ -56,7 +56,7 @@ class Endpoint:
     port: int
 
     @classmethod
-    def parsed(cls, option: str, text: str) -> "Endpoint":
+    def parsed(cls, option: str, text: str) -> "CotEndpoint":
         """Return the endpoint of an address such as udp://239.2.3.1:6969; raises InputError."""
         try:
             parts = urlsplit(text)
@@ -75,10 +75,10 @@ class Endpoint:
         return f"{self.scheme}://{self.host}:{self.port}"
 
 
-class Connection:
+class CotConnection:
     """A connection that sends events, or receives them; streams do both."""
 
-    def __init__(self, endpoint: Endpoint, certificates: Certificates, *, sends: bool) -> None:
+    def __init__(self, endpoint: CotEndpoint, certificates: Certificates, *, sends: bool) -> None:
         self._endpoint, self._certificates, self._sends = endpoint, certificates, sends
         self._reader: Any = None
         self._writer: Any = None

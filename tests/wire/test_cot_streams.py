@@ -18,7 +18,7 @@ from cryptography.hazmat.primitives.serialization import pkcs12
 from agents.ports import VehicleRefusedError
 from estimation.frames import Geodetic
 from gcs.cot.events import MalformedEventError, read_event, target_event
-from gcs.cot.transport import PASSWORD_VARIABLE, Certificates, Connection, Endpoint
+from gcs.cot.transport import PASSWORD_VARIABLE, Certificates, CotConnection, CotEndpoint
 from gcs.errors import InputError
 from tests.support.cot import checked, event_bytes
 from tests.support.wire import free_port
@@ -66,7 +66,7 @@ def identity(name: str, authority: Identity | None = None) -> Identity:
 class Server(NamedTuple):
     """A server: its endpoint, and the events that it has received."""
 
-    endpoint: Endpoint
+    endpoint: CotEndpoint
     received: list[bytes]
 
 
@@ -82,12 +82,12 @@ async def server(context: ssl.SSLContext | None, *, says: bytes = FIRST + SECOND
         writer.close()
 
     async with await asyncio.start_server(serve, "127.0.0.1", port, ssl=context):
-        yield Server(Endpoint("tls" if context else "tcp", "127.0.0.1", port), received)
+        yield Server(CotEndpoint("tls" if context else "tcp", "127.0.0.1", port), received)
 
 
 async def exchange(served: Server, certificates: Certificates) -> None:
     """Receive two events, send one, and see the stream end."""
-    connection = Connection(served.endpoint, certificates, sends=True)
+    connection = CotConnection(served.endpoint, certificates, sends=True)
     await connection.open()
     try:
         assert connection.receives
@@ -108,7 +108,7 @@ async def test_a_stream_carries_events_both_ways_until_it_ends() -> None:
 
 async def test_an_endless_event_is_none_and_the_next_is_read() -> None:
     async with server(None, says=b"<event " + b"x" * 200_000 + FIRST + SECOND) as served:
-        connection = Connection(served.endpoint, Certificates(), sends=True)
+        connection = CotConnection(served.endpoint, Certificates(), sends=True)
         await connection.open()
         received = [await connection.receive()]
         while received[-1] != SECOND:
@@ -143,7 +143,7 @@ def tak(tmp_path: Path) -> Tak:
     return Tak(context, authority_file, client.write(tmp_path, "client"), p12)
 
 
-async def opened(connection: Connection) -> None:
+async def opened(connection: CotConnection) -> None:
     """Open a connection and receive: a server refuses a certificate only after the client's handshake."""
     await connection.open()
     await connection.receive()
@@ -154,7 +154,7 @@ async def test_tls_needs_certificates_that_fit(
 ) -> None:
     async def refused(certificates: Certificates, match: str) -> None:
         async with server(tak.context) as served:
-            connection = Connection(served.endpoint, certificates, sends=True)
+            connection = CotConnection(served.endpoint, certificates, sends=True)
             with pytest.raises((VehicleRefusedError, InputError), match=match):
                 await opened(connection)
 
@@ -182,6 +182,6 @@ async def test_tls_needs_certificates_that_fit(
 
 
 async def test_nobody_there_is_a_refusal() -> None:
-    connection = Connection(Endpoint("tcp", "127.0.0.1", free_port()), Certificates(), sends=True)
+    connection = CotConnection(CotEndpoint("tcp", "127.0.0.1", free_port()), Certificates(), sends=True)
     with pytest.raises(VehicleRefusedError, match=r"tcp://127\.0\.0\.1"):
         await connection.open()
