@@ -19,8 +19,8 @@ from gcs.errors import Exit, InputError
 GROUPS = {
     "Plan": ("missions", "new", "schema", "sim", "sweep", "check"),
     "Fly": ("fly", "start", "sitl", "drill", "excite", "relay", "router"),
-    "Operate": ("watch", "station", "command", "target", "ros2", "keys"),
-    "Analyse": ("report", "replay", "identify", "log"),
+    "Operate": ("watch", "station", "command", "target", "ros2", "cot", "keys"),
+    "Analyse": ("report", "replay", "identify", "log", "flights"),
 }
 """The verbs in the order of the help."""
 VERBS = tuple(verb for verbs in GROUPS.values() for verb in verbs)

@@ -72,9 +72,18 @@ class ExportOptions:
         bool,
         Parameter(negative="", help="As a bag of ROS 2: poses, velocities, transforms and markers."),
     ] = False
+    kml: Annotated[
+        bool, Parameter(negative="", help="As KML: tracks, rings, fences, starts and events, for Google Earth.")
+    ] = False
+    gpx: Annotated[bool, Parameter(negative="", help="As GPX 1.1: the same as tracks, routes and waypoints.")] = False
+    geojson: Annotated[bool, Parameter(negative="", help="As GeoJSON: the same as features, for QGIS.")] = False
     output: Annotated[
         Path | None,
-        Parameter(name=["--output", "-o"], help="The folder to write instead of LOG-ros2; must not exist yet."),
+        Parameter(
+            name=["--output", "-o"],
+            help="The folder to write instead of LOG-ros2, or the file instead of LOG.kml, LOG.gpx or LOG.geojson; "
+            "must not exist yet.",
+        ),
     ] = None
 
 
@@ -84,17 +93,27 @@ def export(options: ExportOptions) -> Exit:
 
     Exit code 1 if the log is damaged: what is readable is exported.
 
-    Example: cordon log export --ros2 flight.mcap
+    Example: cordon log export --kml flight.mcap
     """
+    given = [name for name in ("ros2", "kml", "gpx", "geojson") if getattr(options, name)]
+    if not given:
+        hint = "next: cordon log export --kml LOG"
+        raise InputError([f"--ros2, --kml, --gpx or --geojson: name the format to export to; {hint}"])
+    if len(given) > 1:
+        raise InputError([f"--{given[0]} and --{given[1]}: name one format for each export"])
+    return _export_bag(options) if options.ros2 else _export_map(options, given[0])
+
+
+def _export_bag(options: ExportOptions) -> Exit:
+    """Write a bag of ROS 2; raises InputError."""
     from gcs.cli.output import ExportProgress, check_folder, print_log_faults
     from gcs.console.terminal import print_line
     from gcs.flightlog.reader import read_log
-    from gcs.ros2.bag import bag_path, require_absent
+    from gcs.keys.private_files import require_absent
+    from gcs.ros2.bag import bag_path
     from gcs.ros2.bag import export as write_bag
     from gcs.ros2.messages import require_rosbags
 
-    if not options.ros2:
-        raise InputError(["--ros2: name the format to export to; next: cordon log export --ros2 LOG"])
     require_rosbags()
     target = options.output or bag_path(options.log)
     require_absent(target)
@@ -104,6 +123,28 @@ def export(options: ExportOptions) -> Exit:
     with ExportProgress(options.log) as progress:
         exported = write_bag(flight, target, progress.update)
     print_line(f"{target}: {exported.messages} messages of {exported.seconds:.1f} s; next: ros2 bag play {target}")
+    return Exit.VERDICT_FAILED if flight.is_damaged else Exit.HOLDS
+
+
+def _export_map(options: ExportOptions, name: str) -> Exit:
+    """Write a file for maps; raises InputError."""
+    from gcs.cli.output import ExportProgress, check_folder, print_log_faults
+    from gcs.console.terminal import print_line
+    from gcs.flightlog.reader import read_log
+    from gcs.keys.private_files import require_absent, write
+    from gcs.report.maps.formats import FORMATS
+    from gcs.report.maps.mapped_flight import mapped_flight
+
+    target = options.output or options.log.with_suffix(f".{name}")
+    require_absent(target)
+    check_folder("--output", target.parent)
+    flight = read_log(options.log)
+    print_log_faults(flight)
+    with ExportProgress(options.log) as progress:
+        mapped = mapped_flight(flight, progress.update)
+    write(target, FORMATS[name](mapped))
+    shown = f"{len(mapped.vehicles)} vehicles, {len(mapped.events)} events"
+    print_line(f"{target}: {shown} ({target.stat().st_size / 1e6:.1f} MB)")
     return Exit.VERDICT_FAILED if flight.is_damaged else Exit.HOLDS
 
 

@@ -93,6 +93,13 @@ class ExportProgress(_ProgressBar):
         super().__init__(path.name, "{task.percentage:.0f} % exported", 1.0, _PROGRESS_STEP_SHARE)
 
 
+class FolderProgress(_ProgressBar):
+    """How many of a folder's logs are read, as a share."""
+
+    def __init__(self, folder: Path, logs: int) -> None:
+        super().__init__(f"{folder}: {logs} logs", "{task.percentage:.0f} % read", 1.0, _PROGRESS_STEP_SHARE)
+
+
 class AnimationProgress(_ProgressBar):
     """How much of an animation is drawn, as a share."""
 

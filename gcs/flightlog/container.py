@@ -8,14 +8,14 @@ length of 100 GB is allocated) and takes 2.9 us a message, this code 1.2 us.
 
 import struct
 import zlib
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Set
 from io import BytesIO
 from typing import BinaryIO, NamedTuple, TypeVar
 
 import zstandard
 from mcap.data_stream import ReadDataStream
 from mcap.opcode import Opcode
-from mcap.records import Channel, Chunk, DataEnd, Footer, Metadata, Schema, Statistics
+from mcap.records import Channel, Chunk, ChunkIndex, DataEnd, Footer, Metadata, Schema, Statistics
 from mcap.stream_reader import CRCValidationError, get_chunk_data_stream
 
 from gcs.errors import InputError
@@ -36,6 +36,7 @@ FAULTS_MAX = 20
 
 _HEAD = struct.Struct("<BQ")
 _MESSAGE = struct.Struct("<HIQQ")
+_CHANNEL_ID = struct.Struct("<H")
 _CHUNK = struct.Struct("<QQQII")
 _FOOTER_BYTES = 20
 _COMPRESSION = "zstd"
@@ -138,6 +139,40 @@ class Container:
         if lost > 0:
             self._report(f"{lost} of the {self._messages_written} records written are lost")
 
+    def indexed(self, is_wanted: Callable[[str], bool]) -> Iterator[Entry]:
+        """Return the entries of wanted topics of a closed file, whose index is read first.
+
+        Chunks without such messages are not read, and only what is read is checked. Raises DamageError where that is
+        damaged, and without an index.
+        """
+        summary, wanted = self._index(), set[int]()
+        if not summary:
+            raise DamageError("it has no index, or a damaged one")
+        for entry in _inner(summary):
+            if isinstance(entry, Channel):
+                if not is_wanted(entry.topic):
+                    continue
+                wanted.add(entry.id)
+            yield entry
+        for opcode, first, last in _records(summary):
+            if opcode == Opcode.CHUNK_INDEX:
+                index = _parsed(ChunkIndex.read, summary[first:last])
+                if not wanted.isdisjoint(index.message_index_offsets):
+                    self.offset = index.chunk_start_offset
+                    yield from self._chosen(wanted)
+
+    def _chosen(self, wanted: Set[int]) -> Iterator[Entry]:
+        """Return the messages of some channels in the chunk that is next."""
+        opcode, body = self._record()
+        if opcode != Opcode.CHUNK:
+            raise DamageError("its index names a chunk where none is")
+        data = _unpacked(body)
+        self._work(len(data))
+        for kind, first, last in _records(data):
+            is_message = kind == Opcode.MESSAGE and last - first >= _MESSAGE.size
+            if is_message and _CHANNEL_ID.unpack_from(data, first)[0] in wanted:
+                yield from _inner(data[first - _HEAD.size : last])
+
     def _record(self) -> tuple[int, bytes]:
         """Return the kind and body of the next record of the file, and advance behind it."""
         begin, head = self.offset, self._bytes(self.offset, _HEAD.size)
@@ -219,26 +254,31 @@ class Container:
 
     def _summary(self) -> Iterator[Entry]:
         """Return the channels and schemas of a closed file's summary, needed if its beginning is damaged."""
-        end = self.size_bytes - len(MAGIC) - _FOOTER_BYTES - _HEAD.size
-        foot = self._bytes(max(end, 0), _HEAD.size + _FOOTER_BYTES + len(MAGIC))
-        if end < len(MAGIC) or not foot.endswith(MAGIC) or _HEAD.unpack_from(foot) != (Opcode.FOOTER, _FOOTER_BYTES):
-            return
-        self.is_closed = True
-        footer = _parsed(Footer.read, foot[_HEAD.size : -len(MAGIC)])
-        begin, crc = footer.summary_start, footer.summary_crc
-        if begin == 0:
-            return
-        summary = self._bytes(begin, end - begin) if 0 <= end - begin <= RECORD_MAX_BYTES else b""
-        if not summary or (crc and zlib.crc32(foot[: -len(MAGIC) - 4], zlib.crc32(summary)) != crc):
-            self._report(f"at byte {end}: its index is damaged")
-            return
+        summary = self._index()
         try:
             for opcode, first, last in _records(summary):
                 if opcode == Opcode.STATISTICS:
                     self._messages_written = _parsed(Statistics.read, summary[first:last]).message_count
             yield from (entry for entry in _inner(summary) if type(entry) is not EncodedMessage)
         except DamageError:
-            self._report(f"at byte {begin}: its index is damaged")
+            self._report("its index is damaged")
+
+    def _index(self) -> bytes:
+        """Return the records of a closed file's summary; empty without one, or if it is damaged, which is reported."""
+        end = self.size_bytes - len(MAGIC) - _FOOTER_BYTES - _HEAD.size
+        foot = self._bytes(max(end, 0), _HEAD.size + _FOOTER_BYTES + len(MAGIC))
+        if end < len(MAGIC) or not foot.endswith(MAGIC) or _HEAD.unpack_from(foot) != (Opcode.FOOTER, _FOOTER_BYTES):
+            return b""
+        self.is_closed = True
+        footer = _parsed(Footer.read, foot[_HEAD.size : -len(MAGIC)])
+        begin, crc = footer.summary_start, footer.summary_crc
+        if begin == 0:
+            return b""
+        summary = self._bytes(begin, end - begin) if 0 <= end - begin <= RECORD_MAX_BYTES else b""
+        if not summary or (crc and zlib.crc32(foot[: -len(MAGIC) - 4], zlib.crc32(summary)) != crc):
+            self._report(f"at byte {end}: its index is damaged")
+            return b""
+        return summary
 
     def _end_of_data(self, body: bytes) -> None:
         if len(body) != 4:

@@ -2,7 +2,7 @@
 
 import os
 from collections import Counter, defaultdict
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -18,7 +18,15 @@ from agents.team.codec import decode
 from agents.team.messages import BusMessage
 from estimation.input_file import open_plain
 from estimation.state import Vector
-from gcs.flightlog.container import Container, EncodedMessage, Entry, LogError, NoContainerError, unpadded_bytes
+from gcs.flightlog.container import (
+    Container,
+    DamageError,
+    EncodedMessage,
+    Entry,
+    LogError,
+    NoContainerError,
+    unpadded_bytes,
+)
 from gcs.flightlog.records import FORMAT, RUN_TOPICS, VEHICLE_TOPICS, Carried, Run, RunEnd, Taken, TargetTruth
 from gcs.flightlog.schema import PACKAGE, Decoder
 
@@ -168,6 +176,11 @@ class FlightLog:
     faults: list[str] = field(default_factory=list)
     is_damaged: bool = False
 
+    def add(self, vehicle_id: int, record: LogRecord) -> None:
+        """Add a vehicle's record, or one of the run, vehicle 0."""
+        records = self.vehicles.setdefault(vehicle_id, []) if vehicle_id else self.run_records
+        records.append(record)
+
     @property
     def recovered(self) -> str:
         """How much of it was read, as text."""
@@ -229,19 +242,37 @@ def read_log(path: Path) -> FlightLog:
     with open_container(path) as container:
         topics = _Topics(path)
         for entry in container.entries():
-            if type(entry) is not EncodedMessage:
-                topics.take(entry)
-            elif (topic := topics.known.get(entry.channel_id)) is not None:
-                kind, vehicle_id, decoder = topic
-                if counter.note(vehicle_id, entry.time_ns, entry.payload):
-                    records = log.vehicles.setdefault(vehicle_id, []) if vehicle_id else log.run_records
-                    records.append(LogRecord(kind, entry.time_ns, entry.payload, decoder))
-            else:
-                topics.miss(entry.channel_id)
+            if (taken := topics.record(entry)) is not None:
+                vehicle_id, record = taken
+                if counter.note(vehicle_id, record.time_ns, record.payload):
+                    log.add(vehicle_id, record)
     if not counter.total:
         raise LogError([f"{path}: it holds no cordon record", *(f"{path}: {fault}" for fault in container.faults)])
     log.faults.extend(faults_of(container, counter) + topics.faults)
-    log = replace(log, is_damaged=container.is_damaged or bool(counter.faults))
+    return _supported(replace(log, is_damaged=container.is_damaged or bool(counter.faults)))
+
+
+def read_kinds(path: Path, kinds: Collection[type[Any]]) -> FlightLog:
+    """Read only the records of some kinds, among them `Run`; raises LogError when it is not a log of cordon.
+
+    Of a closed log only the chunks that hold such records are read, and only these are checked. One that is not closed,
+    or whose index or chunks are damaged, is read as a whole.
+    """
+    log, topics = FlightLog(path), _Topics(path)
+    try:
+        with open_container(path) as container:
+            for entry in container.indexed(lambda topic: (known := topic_of(topic)) is not None and known[0] in kinds):
+                if (taken := topics.record(entry)) is not None:
+                    log.add(*taken)
+    except DamageError:
+        return read_log(path)
+    log.faults.extend(topics.faults)
+    return _supported(log) if log.run_records else read_log(path)
+
+
+def _supported(log: FlightLog) -> FlightLog:
+    """Return a log of this version's format, one of a newer as far as it is supported; raises LogError for an older."""
+    path = log.path
     if log.run.format < FORMAT:
         raise LogError([f"{path}: it has format {log.run.format}, which cordon 0.1 reads; this version reads {FORMAT}"])
     if log.run.format > FORMAT:
@@ -307,7 +338,18 @@ class _Topics:
         self._others: dict[int, str] = {}
         self._unread: Counter[str] = Counter()
 
-    def take(self, entry: Entry) -> None:
+    def record(self, entry: Entry) -> tuple[int, LogRecord] | None:
+        """Return the vehicle (0: the run) and the record of a message on a known channel, and take other entries."""
+        if type(entry) is not EncodedMessage:
+            self._take(entry)
+        elif (topic := self.known.get(entry.channel_id)) is not None:
+            kind, vehicle_id, decoder = topic
+            return vehicle_id, LogRecord(kind, entry.time_ns, entry.payload, decoder)
+        else:
+            self._unread[self._others.get(entry.channel_id, "the description of their channel is lost")] += 1
+        return None
+
+    def _take(self, entry: Entry) -> None:
         """Add a schema or a channel; the first with an id counts."""
         match entry:
             case Schema():
@@ -334,10 +376,6 @@ class _Topics:
                 self._others[channel.id] = f"{channel.topic}: {error}"
             else:
                 self.known[channel.id] = kind, vehicle_id, decoder
-
-    def miss(self, channel_id: int) -> None:
-        """Count a record of an unknown channel."""
-        self._unread[self._others.get(channel_id, "the description of their channel is lost")] += 1
 
     @property
     def faults(self) -> list[str]:

@@ -13,6 +13,8 @@ from gcs.mission.planner import ChosenPlanner
 
 _COMPUTES = ("cordon-gcs", "numpy", "osqp", "scipy", "filterpy", "msgspec")
 """The packages on which computed numbers may depend."""
+_OTHER_CLOCK_S = 1e6
+"""A flight's clock that is further from Unix time is another one, as that of a simulation."""
 
 
 def versions() -> tuple[Version, ...]:
@@ -61,6 +63,17 @@ def planner_text(planner: PlannerRecord) -> str:
     """Return what the log knows of a planner: name, distribution, digest of its source."""
     source = f"source {planner.digest}" if planner.digest else ""
     return ", ".join(filter(None, (planner.name, planner.distribution, source)))
+
+
+def unix_offset_s(log: FlightLog) -> float:
+    """Return what leads from the clock of a flight to Unix time: nothing, if that is its clock.
+
+    Else the run's first record is at its begin, and a second is one of the flight's clock also where that ran faster.
+    """
+    run = log.run
+    firsts_s = [records[0].time_ns / 1e9 * run.speed for records in log.vehicles.values() if records]
+    offset_s = run.began_s - min(firsts_s, default=run.began_s)
+    return offset_s if abs(offset_s) > _OTHER_CLOCK_S else 0.0
 
 
 def mission_of(log: FlightLog) -> Mission:

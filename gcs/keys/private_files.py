@@ -72,6 +72,12 @@ def write(path: Path, content: bytes) -> None:
         raise InputError([f"{path}: {error.strerror or error}"]) from error
 
 
+def require_absent(target: Path) -> None:
+    """Raise InputError if something is where a file or folder is to be written."""
+    if os.path.lexists(target):
+        raise InputError([f"--output: {str(target)!r} exists already, and is not overwritten; name another"])
+
+
 def create(path: Path, mode: Literal["wb", "xb", "ab"] = "wb") -> BufferedWriter:
     """Open a file for writing, as `open` does; a new one is readable by its owner only.
 

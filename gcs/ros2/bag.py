@@ -14,8 +14,8 @@ from estimation.state import Telemetry
 from gcs.errors import InputError
 from gcs.flightlog.reader import FlightLog, LogRecord
 from gcs.flightlog.records import Decision
-from gcs.flightlog.run import mission_of
-from gcs.keys.private_files import FILE_MODE, FOLDER_MODE
+from gcs.flightlog.run import mission_of, unix_offset_s
+from gcs.keys.private_files import FILE_MODE, FOLDER_MODE, require_absent
 from gcs.mission.mission import Mission
 from gcs.ros2.enu import MAP, enu_from_mission, yaw_enu_rad
 from gcs.ros2.messages import MARKERS, POSE, TRANSFORMS, TWIST, Messages, Shape
@@ -26,8 +26,6 @@ from gcs.viewer.scene import PERIOD_S, drawn_rings, vehicle_frame
 _METADATA_VERSION: Final = 8
 """Of the metadata: the rosbag2 of Humble and of all later distributions reads it."""
 _LINE_M = 0.1
-_SIMULATED_S = 1e6
-"""A flight's clock that is further from Unix time is that of a simulation."""
 _PROGRESS_STEP = 1000
 _EARLY_S = 1e-6
 Progress = Callable[[float], None]
@@ -63,12 +61,6 @@ def bag_path(log: Path) -> Path:
     return log.with_name(f"{log.stem}-ros2")
 
 
-def require_absent(target: Path) -> None:
-    """Raise InputError if something is where a bag is to be written."""
-    if os.path.lexists(target):
-        raise InputError([f"--output: {str(target)!r} exists already, and is not overwritten; name another"])
-
-
 def pose_topic(vehicle_id: int) -> str:
     """Return the topic of a vehicle's poses; no part of a topic's name may begin with a digit."""
     return f"/{vehicle_frame(vehicle_id)}/pose"
@@ -81,7 +73,7 @@ def export(log: FlightLog, target: Path, progress: Progress) -> Exported:
     folder exists or cannot be written.
     """
     messages, mission = Messages(MAP), mission_of(log)
-    flight = _ShownFlight(messages, mission, _stamp_offset_s(log))
+    flight = _ShownFlight(messages, mission, unix_offset_s(log))
     entries = _entries(log, mission.ids)
     with _new_bag(target, messages) as bag:
         for done, entry in enumerate(entries):
@@ -102,14 +94,6 @@ def _entries(log: FlightLog, vehicle_ids: tuple[int, ...]) -> list[_Entry]:
         for vehicle_id in vehicle_ids
     ]
     return list(merge(*tracks, key=lambda entry: entry.record.time_ns))
-
-
-def _stamp_offset_s(log: FlightLog) -> float:
-    """Return what leads from the flight's clock to Unix time: nothing, unless it is that of a simulation."""
-    run = log.run
-    firsts_s = [records[0].time_ns / 1e9 for records in log.vehicles.values() if records]
-    offset_s = run.began_s - min(firsts_s, default=run.began_s)
-    return offset_s if abs(offset_s) > _SIMULATED_S else 0.0
 
 
 @dataclass(slots=True)

@@ -54,6 +54,7 @@ from gcs.link.relay.gate import Claim, FrameGate
 from gcs.link.relay.signing import EPOCH_UNIX_S, KEY_LENGTH, TICKS_PER_S, Signing
 from gcs.mission.file import MissionError, load_mission
 from gcs.mission.sections import SECTIONS
+from gcs.report.flight_book import read_book
 from gcs.station.access import Access, AccessGate, Hello
 from gcs.station.broadcast import Broadcast
 from gcs.station.commands import Commands
@@ -211,6 +212,7 @@ def _container(folder: Path) -> Target:
                 record.read(record.kind)
         _ = log.carried, log.end, log.recovered
         mission_of(log)
+        read_book([path], lambda _share: None).to_dict()
         with quiet():
             return own_log.read(open_log(path))
 

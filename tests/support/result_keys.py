@@ -65,5 +65,12 @@ OUTPUT_KEYS = {
     ),
     "replay": "format log mission same other_versions tolerance vehicles",
     "identify": "format verdict reasons method vehicle autopilot firmware logs duration_s parts plant",
+    "flights": "format folder flights unread airborne_s",
+    "flights[] of flights": (
+        "log began mission source latitude_deg longitude_deg crew vehicles airborne_s ended verdicts faults damaged "
+        "copy_of"
+    ),
+    "vehicles[] of flights": "id kind airborne_s",
+    "unread[] of flights": "log fault",
 }
 """Other outputs and their lists, by command."""

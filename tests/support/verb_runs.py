@@ -68,6 +68,7 @@ BESIDE = (
     VerbRun("station", "--mission fly.toml --address 127.0.0.1:{page}", ready="http", lasts=True),
     VerbRun("target", "0 0 --mission fly.toml"),
     VerbRun("ros2", "fly.toml --router tcp/127.0.0.1:9", (3,)),  # there is no router of ROS
+    VerbRun("cot", "fly.toml --to tcp://127.0.0.1:9", (3,)),  # there is no server of TAK
     VerbRun("command", "land --mission fly.toml"),
 )
 STUBS = VerbRun("sitl", "stubs.toml", ready="Ctrl-C", lasts=True)
@@ -82,9 +83,13 @@ ALONE = (
     VerbRun("sweep plot", "swept", keys=OUTPUT_KEYS["sweep plot"]),
     VerbRun("report", "sim.mcap", (0, 1), RESULT_KEYS[""]),
     VerbRun("replay", "sim.mcap", keys=OUTPUT_KEYS["replay"]),
+    VerbRun("flights", ". --csv flights.csv", keys=OUTPUT_KEYS["flights"]),
     VerbRun("log recover", "sim.mcap"),
     VerbRun("log layout"),
     VerbRun("log export", "--ros2 sim.mcap"),
+    VerbRun("log export", "--kml sim.mcap"),
+    VerbRun("log export", "--gpx sim.mcap"),
+    VerbRun("log export", "--geojson sim.mcap"),
     VerbRun("keys init"),
     *(
         VerbRun(f"keys issue {role}", "1" if role == "vehicle" else "hill")

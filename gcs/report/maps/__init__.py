@@ -1,0 +1,1 @@
+"""Flights on maps: a flight log as KML, GPX or GeoJSON."""
