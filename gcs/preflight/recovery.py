@@ -1,6 +1,6 @@
 """What becomes of each vehicle when a team that is in the air is brought home, and the findings that say why."""
 
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass
 from enum import Enum
 from math import hypot
@@ -8,16 +8,16 @@ from math import hypot
 from agents.ports import FlightMode
 from estimation.frames import Triple
 from gcs.autopilots.registry import autopilot_of
+from gcs.mission.excitation import PLACE_TOLERANCE_M
 from gcs.mission.geometry import fences
 from gcs.mission.mission import Mission
 from gcs.preflight.findings import Finding, Grade, VehicleFacts
-from gcs.preflight.vehicle import BATTERY_LOW, PLACE_LIMIT_M
+from gcs.preflight.vehicle import BATTERY_LOW
 
 FAR_M = 1000.0
 """A vehicle farther from its start than this flies somewhere else, or its positions are wrong."""
 _OF_AUTOPILOTS = (FlightMode.HOLD, FlightMode.OFFBOARD, FlightMode.LAND, FlightMode.RETURN, FlightMode.TAKE_OFF)
 """Modes in which no pilot steers: those that cordon or an autopilot's failsafe leaves behind, and take-off's."""
-_LEAVE_IT = "or leave it out by --leave {}"
 
 
 class Part(Enum):
@@ -52,71 +52,79 @@ def standings(
 
 
 def _standing(facts: VehicleFacts, mission: Mission, *, missing: bool, taken: bool) -> Standing:
-    vehicle_id = facts.vehicle_id
-
-    def standing(
-        part: Part, grade: Grade, check: str, found: str, why: str = "", step: str = "", *, temporary: bool = False
-    ) -> Standing:
-        finding = Finding.graded(grade, vehicle_id, check, found, why, step, temporary=temporary)
-        return Standing(vehicle_id, part, finding)
-
-    def refused(check: str, found: str, why: str, step: str) -> Standing:
-        step = f"{step}, {_LEAVE_IT.format(vehicle_id)}"
-        return standing(Part.LEAVE, Grade.REFUSE, check, found, why, step)
-
     if facts.unreachable is not None:
-        found, step = facts.unreachable
-        if missing:
-            why = "it may be in the air: nothing is sent to it, and the others do not know where it is"
-            step = "look for it, and take it by remote control; once it is received, run this again"
-            return standing(Part.LEAVE, Grade.WARNING, "link", f"it is not received: {found}", why, step)
-        return refused("link", found, "commands would reach another vehicle, or none", step)
-    status, place_m = facts.status, facts.position_m
-    if not status.armed:
-        return _on_ground(standing, facts, mission)
-    if not status.in_air:
+        return _not_received(facts.vehicle_id, *facts.unreachable, missing=missing)
+    if not facts.status.armed:
+        return _on_ground(facts, mission)
+    refusal = next(_refusals(facts, mission), None)
+    return _in_the_air(facts, mission, taken=taken) if refusal is None else refusal
+
+
+def _refused(vehicle_id: int, check: str, found: str, why: str, step: str) -> Standing:
+    step = f"{step}, or leave it out by --leave {vehicle_id}"
+    return Standing(vehicle_id, Part.LEAVE, Finding(Grade.REFUSE, vehicle_id, check, found, why, step))
+
+
+def _not_received(vehicle_id: int, found: str, step: str, *, missing: bool) -> Standing:
+    if not missing:
+        return _refused(vehicle_id, "link", found, "commands would reach another vehicle, or none", step)
+    why = "it may be in the air: nothing is sent to it, and the others do not know where it is"
+    step = "look for it, and take it by remote control; once it is received, run this again"
+    finding = Finding(Grade.WARNING, vehicle_id, "link", f"it is not received: {found}", why, step)
+    return Standing(vehicle_id, Part.LEAVE, finding)
+
+
+def _on_ground(facts: VehicleFacts, mission: Mission) -> Standing:
+    i, place_m = facts.vehicle_id, facts.position_m
+    if place_m is not None and not facts.status.in_air and _away_m(mission, i, place_m) <= PLACE_TOLERANCE_M:
+        return Standing(i, Part.LEAVE, Finding(Grade.PASS, i, "on the ground", "it is disarmed, near its start"))
+    where = "at an unknown place" if place_m is None else _where(mission, i, place_m)
+    why, step = "away from its start it has landed by itself, or fallen", "recover and inspect it"
+    finding = Finding(Grade.WARNING, i, "on the ground", f"it is disarmed, {where}", why, step)
+    return Standing(i, Part.LEAVE, finding)
+
+
+def _refusals(facts: VehicleFacts, mission: Mission) -> Iterator[Standing]:
+    """Yield why an armed vehicle must not be taken."""
+    i, place_m = facts.vehicle_id, facts.position_m
+    if not facts.status.in_air:
         why = "its motors may start to turn, and it is not in the air"
-        return refused("armed", "it is armed on the ground", why, "disarm it")
-    expected = autopilot_of(mission.vehicle(vehicle_id).autopilot)
+        yield _refused(i, "armed", "it is armed on the ground", why, "disarm it")
+    expected = autopilot_of(mission.vehicle(i).autopilot)
     if facts.autopilot.name != expected.name or not facts.multicopter:
-        kind = facts.autopilot.label if facts.multicopter else f"{facts.autopilot.label}, and it is no multicopter"
-        why = f"its profile is one of a multicopter with {expected.label}: it may be another vehicle"
-        return refused("autopilot", f"its autopilot is {kind}", why, "check its url and its system id")
+        kind = facts.autopilot.label + ("" if facts.multicopter else ", and it is no multicopter")
+        why = f"its profile is that of a multicopter with {expected.label}: it may be another vehicle"
+        yield _refused(i, "autopilot", f"its autopilot is {kind}", why, "check its url and its system id")
     if place_m is None:
         found, _ = facts.lost or ("it sends no position", "")
         why = "without a position it cannot be flown home, nor the others kept apart from it"
-        return refused("position", found, why, "land it by remote control")
-    where, away_m = _where(mission, vehicle_id, place_m), _away_m(mission, vehicle_id, place_m)
-    if away_m > FAR_M:
+        yield _refused(i, "position", found, why, "land it by remote control")
+    elif _away_m(mission, i, place_m) > FAR_M:
         why = f"more than {FAR_M:g} m from its start it is another flight's, or its position is wrong"
-        return refused("position", f"it is {where}", why, "check the mission and [frame]")
+        yield _refused(i, "position", f"it is {_where(mission, i, place_m)}", why, "check the mission and [frame]")
+
+
+def _in_the_air(facts: VehicleFacts, mission: Mission, *, taken: bool) -> Standing:
+    i, place_m, status = facts.vehicle_id, facts.position_m, facts.status
+    assert place_m is not None
     mode = status.mode if facts.mode_received else FlightMode.UNKNOWN
-    if mode not in _OF_AUTOPILOTS:
-        found = f"its flight mode is {mode.value}, {where}"
-        why = "in this mode its pilot or another ground station steers it"
-        if not taken:
-            step = f"let its pilot land it, or take it by --take-from-pilot {vehicle_id}"
-            return standing(Part.ACCOMPANY, Grade.WARNING, "pilot", found, why, step)
-        return standing(Part.TAKE, Grade.WARNING, "pilot", f"{found}: it is taken", why, "tell its pilot first")
     battery = "unknown" if status.battery is None else f"{status.battery:.0%}"
-    found = f"it is in {mode.value}, {where}; battery {battery}"
-    fence = fences([mission.vehicle(vehicle_id).section], mission.safety).get(vehicle_id)
+    found = f"it is in the air in mode {mode.value}, {_where(mission, i, place_m)}; battery {battery}"
+    if mode not in _OF_AUTOPILOTS:
+        why = "in this mode its pilot or another ground station steers it"
+        step = "tell its pilot first" if taken else f"let its pilot land it, or take it by --take-from-pilot {i}"
+        found += ": it is taken" if taken else ": it keeps its pilot, and the others keep apart from it"
+        finding = Finding(Grade.WARNING, i, "pilot", found, why, step)
+        return Standing(i, Part.TAKE if taken else Part.ACCOMPANY, finding)
+    fence = fences([mission.vehicle(i).section], mission.safety).get(i)
     if fence is not None and not fence.contains(place_m[:2]):
-        why = "outside its fence the guard first leads it back inside, straight to the nearest place"
-        return standing(Part.TAKE, Grade.WARNING, "fence", f"{found}, outside its fence", why, "watch its way")
+        why = "outside its fence the guard leads it back inside first, straight to the nearest place"
+        finding = Finding(Grade.WARNING, i, "fence", f"{found}; it is outside its fence", why, "watch its way")
+        return Standing(i, Part.TAKE, finding)
     low = status.battery is None or status.battery < BATTERY_LOW
-    why = "its way home takes time, and it lands in its turn"
-    step = "add --land to land each where it is, if that is nearer"
-    return standing(Part.TAKE, Grade.WARNING if low else Grade.PASS, "in the air", found, why, step)
-
-
-def _on_ground(standing: Callable[..., Standing], facts: VehicleFacts, mission: Mission) -> Standing:
-    vehicle_id, place_m = facts.vehicle_id, facts.position_m
-    if place_m is not None and not facts.status.in_air and _away_m(mission, vehicle_id, place_m) <= PLACE_LIMIT_M:
-        return standing(Part.LEAVE, Grade.PASS, "on the ground", "it is disarmed, near its start")
-    where = "at an unknown place" if place_m is None else _where(mission, vehicle_id, place_m)
-    why = "away from its start it has landed by itself, or fallen"
-    return standing(Part.LEAVE, Grade.WARNING, "on the ground", f"it is disarmed, {where}", why, "recover and inspect it")
+    why, step = "its way home takes time, and it lands in its turn", "land it where it is by --land, if that is nearer"
+    finding = Finding.graded(Grade.WARNING if low else Grade.PASS, i, "in the air", found, why, step)
+    return Standing(i, Part.TAKE, finding)
 
 
 def _away_m(mission: Mission, vehicle_id: int, place_m: Triple) -> float:
