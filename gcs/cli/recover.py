@@ -72,9 +72,12 @@ def _recover(options: RecoverOptions) -> Exit:
     plan = _plan(options)
 
     def judge(record: "FlightRecord") -> Exit:
-        from gcs.console.summary import show_result
+        from gcs.console.terminal import print_line
+        from gcs.metrics.ending import TeamEnding
 
-        show_result(plan.mission, record)
+        ended = TeamEnding.of(record.endings)
+        if ended is not None and not ended.is_early:
+            print_line(ended.headline, "bold green")
         return Exit.HOLDS  # no ring and no formation were flown: who has not come home is reported by vehicle
 
     return run_flight(plan, RecordingOptions(options.log, options.recorded), judge)

@@ -24,6 +24,8 @@ from gcs.preflight.recovery import Part, Standing, standings
 
 HOLDS_S = 3.0
 """How long the vehicles hold together before they return [s of the mission clock]."""
+_LAYER_SHARE = 1.25
+"""Vehicles of two layers do not evade each other, although they do not keep their heights exactly."""
 LEFT_TO_PILOT = "its pilot kept it, as it was when it was found"
 _REPORTS_S = 3.0
 """A vehicle reports everything within this time [wall s]."""
@@ -41,7 +43,7 @@ def homeward(mission: Mission, *, land: bool) -> tuple[Mission, str]:
         return _ending(mission, {"landing": "in_place"}), ""
     layer_m = mission.choreography.layer_m
     if layer_m < LAYER_LEAST_M:
-        layer_m = max(LAYER_LEAST_M, mission.safety.vertical_separation_m)
+        layer_m = max(LAYER_LEAST_M, _LAYER_SHARE * mission.safety.vertical_separation_m)
     try:
         return _ending(mission, {"landing": "return", "layer_m": layer_m}), ""
     except InputError as error:
