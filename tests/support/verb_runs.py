@@ -80,6 +80,7 @@ ALONE = (
     VerbRun("sim", "ring.toml --duration 10 --log sim.mcap", (0, 1), RESULT_KEYS[""]),
     VerbRun("sweep", "ring.toml --seeds 0:2 --duration 5 --workers 1 --out swept", (0, 1), OUTPUT_KEYS["sweep"]),
     VerbRun("sweep plot", "swept", keys=OUTPUT_KEYS["sweep plot"]),
+    VerbRun("recover", "ring.toml --yes", (3,)),  # no vehicle is received
     VerbRun("report", "sim.mcap", (0, 1), RESULT_KEYS[""]),
     VerbRun("replay", "sim.mcap", keys=OUTPUT_KEYS["replay"]),
     VerbRun("log recover", "sim.mcap"),

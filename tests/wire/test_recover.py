@@ -241,7 +241,8 @@ async def test_nothing_is_sent_while_one_must_not_be_taken_and_the_others_come_h
 async def test_two_interrupts_land_the_vehicles_where_they_are(mission_file: Callable[..., str]) -> None:
     path, places_m = mission_file("case2", *UNLIKE), {1: (25.0, 6.0), 2: (25.0, 0.0), 3: (25.0, -6.0)}
     async with team_of(path, starts_m=places_m) as team:
-        await take_off(team, {1: 8.0, 2: 8.0, 3: 8.0})
+        heights_m = {1: 8.0, 2: 11.0, 3: 9.5}
+        await take_off(team, heights_m)
         team.clock.set_speed(1.0)
         async with asyncio.timeout(PATIENCE_S), running("recover", path, "--yes", "--no-log") as process:
             flown = team.vehicles.values()
@@ -249,6 +250,7 @@ async def test_two_interrupts_land_the_vehicles_where_they_are(mission_file: Cal
             process.send_signal(signal.SIGINT)
             await team.clock.sleep(0.5)
             assert all(each.mode is NavMode.OFFBOARD for each in flown), "they hold first"
+            assert all(abs(team.place_m(i)[2] - height_m) < 0.3 for i, height_m in heights_m.items())
             process.send_signal(signal.SIGINT)
             team.clock.set_speed(FAST)
             _, err = await process.communicate()
