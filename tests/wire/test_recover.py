@@ -5,21 +5,26 @@ The vehicles are stubs of this process, on a governed clock, with plants that di
 
 import asyncio
 import os
+import shutil
 import signal
+import sys
 from collections.abc import AsyncIterator, Callable, Mapping
 from contextlib import asynccontextmanager
 from dataclasses import replace
 from itertools import combinations
 from math import dist
+from pathlib import Path
 
 import psutil
 import pytest
 
 from gcs.flight.stubs import prepared_configs
+from gcs.keys.authority_folder import AuthorityFolder
 from gcs.mission.file import load_mission
 from gcs.mission.mission import Mission
 from sitl.autopilot.modes import NavMode
 from sitl.server.governed_clock import GovernedClock
+from tests.support.terminals import take_terminal, terminal
 from tests.support.wire import PATIENCE_S, Served, hurried, running, served, until
 
 pytestmark = pytest.mark.wire
@@ -113,16 +118,22 @@ async def kill_in_mid_ring(team: Team) -> None:
         assert "still runs" in said
         assert "cordon command" in said
         assert all(each.mode is NavMode.OFFBOARD for each in flown)
-        flying = [each for each in psutil.Process(flight.pid).children() if "fly" in each.cmdline()]
-        assert len(flying) == 1
-        for process_id in (flight.pid, flying[0].pid):
-            os.kill(process_id, signal.SIGKILL)
+        kill_whole(flight.pid)
     await until(lambda: team.vehicles[1].mode is NavMode.HOLD, 30.0, "the autopilots' failsafe", clock=team.clock)
 
 
-async def recovered(team: Team, *options: str) -> tuple[int, str]:
+def kill_whole(supervisor: int) -> None:
+    """Kill the supervisor of a flight, and at once its flying process."""
+    flying = [each for each in psutil.Process(supervisor).children() if "fly" in each.cmdline()]
+    assert len(flying) == 1
+    for process_id in (supervisor, flying[0].pid):
+        os.kill(process_id, signal.SIGKILL)
+
+
+async def recovered(team: Team, *options: str, path: str = "") -> tuple[int, str]:
     """Recover the team; return the exit code and what was said."""
-    async with asyncio.timeout(PATIENCE_S), running("recover", team.path, "--yes", "--no-log", *options) as process:
+    arguments = (path or team.path, "--yes", "--no-log", *options)
+    async with asyncio.timeout(PATIENCE_S), running("recover", *arguments) as process:
         out, err = await process.communicate()
     assert out == b""
     assert process.returncode is not None
@@ -259,3 +270,65 @@ async def test_two_interrupts_land_the_vehicles_where_they_are(mission_file: Cal
         assert {i: dist(team.place_m(i)[:2], place_m) < 1.0 for i, place_m in places_m.items()} == dict.fromkeys(
             places_m, True
         )
+
+
+async def test_another_computer_with_the_teams_keys_brings_them_home_once_no_flight_runs(
+    mission_file: Callable[..., str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The other computer is a process with files, keys and a runtime directory of its own."""
+    first = "[target]\n"
+    secured = mission_file("case2", *UNLIKE, (first, f'[network]\nsecurity = {{ keys = "keys" }}\n\n{first}'))
+    keys = AuthorityFolder(tmp_path / "keys")
+    keys.init(10.0)
+    for each in "123":
+        keys.issue("vehicle", each, 1.0)
+    keys.issue("operator", "anna", 1.0)
+    laptop = tmp_path / "laptop"
+    (laptop / "run").mkdir(parents=True, mode=0o700)
+    shutil.copytree(keys.path, laptop / "keys")
+    path = str(shutil.copy(secured, laptop))
+    async with team_of(secured) as team:
+        async with running("fly", secured, "--no-log") as flight:
+            await until(lambda: team.vehicles[1].armed, waiting_for="a take-off")
+            with hurried(team.clock):
+                await until(lambda: team.vehicles[1].mode is NavMode.OFFBOARD, 60.0, "offboard", clock=team.clock)
+                await team.clock.sleep(60.0)
+            monkeypatch.setenv("XDG_RUNTIME_DIR", str(laptop / "run"))
+            code, said = await recovered(team, path=path)
+            assert code == 3, said
+            assert "still runs: vehicles 1, 2 and 3 reported on its bus" in said
+            assert all(each.mode is NavMode.OFFBOARD for each in team.vehicles.values())
+            kill_whole(flight.pid)
+        await until(lambda: team.vehicles[1].mode is NavMode.HOLD, 30.0, "the autopilots' failsafe", clock=team.clock)
+        assert min(map(team.off_start_m, (1, 2, 3))) > 5.0
+        async with team.watched():
+            code, said = await recovered(team, path=path)
+        assert code == 0, said
+        assert max(map(team.off_start_m, (1, 2, 3))) < HOME_M
+        assert team.least_m >= team.mission.safety.separation_m
+
+
+async def test_on_a_terminal_it_asks_once_and_does_nothing_without_a_yes(mission_file: Callable[..., str]) -> None:
+    path, places_m = mission_file("case2", *UNLIKE), {1: (15.0, 3.0)}
+    async with team_of(path, starts_m=places_m) as team:
+        await take_off(team, {1: 8.0})
+        for answer, code in ((b"n\n", 3), (b"\x03", 3), (b"y\n", 0)):
+            with terminal() as (here, there, shown):
+                process = await asyncio.create_subprocess_exec(
+                    *(sys.executable, "-m", "gcs", "recover", path, "--no-log", "--land"),
+                    stdin=there,
+                    stdout=there,
+                    stderr=there,
+                    env={**os.environ, "TERM": "xterm", "COLUMNS": "200"},
+                    start_new_session=True,
+                    preexec_fn=take_terminal,
+                )
+                await until(lambda: b"[y/N]" in shown, waiting_for="the question")
+                assert team.vehicles[1].mode is NavMode.HOLD
+                os.write(here, answer)
+                async with asyncio.timeout(PATIENCE_S):
+                    assert await process.wait() == code, shown.decode()
+            assert "Take vehicle 1 of case2, hold, and land where they are?" in " ".join(shown.decode().split())
+            assert (setpoints(team)[1] > 0) == (code == 0)
+        assert not team.vehicles[1].armed
+        assert dist(team.place_m(1)[:2], places_m[1]) < 1.0
