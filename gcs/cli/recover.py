@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 @Parameter(name="*")
 @dataclass(frozen=True, slots=True, kw_only=True)
-class RecoverOptions:
+class RecoveryOptions:
     """Options of `cordon recover`."""
 
     mission: MissionName = field(kw_only=False)
@@ -43,7 +43,7 @@ class RecoverOptions:
     recorded: Recorded = True
 
 
-def recover(options: RecoverOptions) -> int:
+def recover(options: RecoveryOptions) -> int:
     """Bring home vehicles that are in the air: after a killed `cordon fly`, a dead laptop, or another ground station.
 
     Connects to all vehicles of the mission, shows what it finds, and asks once. Those in the air then hold where they
@@ -65,7 +65,7 @@ def recover(options: RecoverOptions) -> int:
     return _recover(options) if is_supervised() else supervise()
 
 
-def _recover(options: RecoverOptions) -> Exit:
+def _recover(options: RecoveryOptions) -> Exit:
     from gcs.flight.recording import RecordingOptions
     from gcs.flight.run import run_flight
 
@@ -83,9 +83,9 @@ def _recover(options: RecoverOptions) -> Exit:
     return run_flight(plan, RecordingOptions(options.log, options.recorded), judge)
 
 
-def _plan(options: RecoverOptions) -> "FlightPlan":
+def _plan(options: RecoveryOptions) -> "FlightPlan":
     from gcs.console.terminal import print_line
-    from gcs.flight.plan import FlightPlan, Recovery
+    from gcs.flight.plan import FlightPlan, TeamRecovery
     from gcs.flight.recovery import HOLDS_S, homeward
     from gcs.flight.request import require_governed
     from gcs.flight.stubs import lockstep_clock
@@ -104,5 +104,5 @@ def _plan(options: RecoverOptions) -> "FlightPlan":
         raise InputError(["--leave: no vehicle of the mission is left to bring home"])
     clock = lockstep_clock(mission)
     require_governed(options.speed, only_stubs=clock is not None, advice="it needs `cordon sitl --lockstep`")
-    recovery = Recovery(options.take_from_pilot, confirmed=options.yes)
+    recovery = TeamRecovery(options.take_from_pilot, confirmed=options.yes)
     return FlightPlan(mission, HOLDS_S, vehicles, options.speed, clock=clock, recovery=recovery)

@@ -24,7 +24,7 @@ from sitl.server.shared_clock import ClockName
 
 
 @dataclass(frozen=True, slots=True)
-class Recovery:
+class TeamRecovery:
     """How vehicles that are in the air are brought home.
 
     Those `from_pilot` are taken also if a pilot may fly them. Unless it is `confirmed` already, the operator is asked
@@ -62,7 +62,7 @@ class FlightPlan:
     clock: ClockName | None = None
     holders: Sequence[Holder] | None = None
     planner: ChosenPlanner | None = None
-    recovery: Recovery | None = None
+    recovery: TeamRecovery | None = None
 
     def __post_init__(self) -> None:
         """Raise InputError for a mission with a planner of its own that was not loaded."""

@@ -10,7 +10,7 @@ from agents.team.messages import BusMessage, VehicleReport
 from gcs.console.live import LiveView
 from gcs.console.team_bus import guest_bus, observer
 from gcs.errors import InputError
-from gcs.flight.plan import Recovery
+from gcs.flight.plan import TeamRecovery
 from gcs.flight.team import FlightTeam
 from gcs.flight.watch import FindingsReport
 from gcs.keys.team_keys import TeamKeys
@@ -20,7 +20,7 @@ from gcs.metrics.ending import named
 from gcs.mission.cross_checks import LAYER_LEAST_M
 from gcs.mission.mission import Mission
 from gcs.preflight.findings import Grade, VehicleFacts
-from gcs.preflight.recovery import Part, Standing, standings
+from gcs.preflight.recovery import Standing, Treatment, standings
 
 HOLDS_S = 3.0
 """How long the vehicles hold together before they return [s of the mission clock]."""
@@ -55,7 +55,7 @@ def _ending(mission: Mission, choreography: dict[str, object]) -> Mission:
     return replace(mission.replace(choreography=choreography), identity=mission.identity)
 
 
-async def prepare_recovery(team: FlightTeam, recovery: Recovery, report: FindingsReport) -> None:
+async def prepare_recovery(team: FlightTeam, recovery: TeamRecovery, report: FindingsReport) -> None:
     """Connect to the vehicles that are received, judge them, and ask; the members that stay are to be flown.
 
     Raises VehicleRefusedError if a flight of the team still runs, a vehicle must not be taken, none is in the air, or
@@ -76,9 +76,9 @@ async def prepare_recovery(team: FlightTeam, recovery: Recovery, report: Finding
     _require_takeable(judged)
     if not (recovery.confirmed or await _confirmed(team.view, _question(mission, judged))):
         raise VehicleRefusedError("not confirmed: nothing was sent to the vehicles", "")
-    parts = _as_they_are_now(team, judged, facts, recovery)
-    await team.leave({i for i, part in parts.items() if part is Part.LEAVE})
-    team.accompanied.update(i for i, part in parts.items() if part is Part.ACCOMPANY)
+    treatments = _as_they_are_now(team, judged, facts, recovery)
+    await team.leave({i for i, each in treatments.items() if each is Treatment.LEAVE})
+    team.accompanied.update(i for i, each in treatments.items() if each is Treatment.ACCOMPANY)
     for each in facts:
         if each.vehicle_id in {member.vehicle.id for member in team.members}:
             team.begin_vehicle(each)
@@ -93,20 +93,20 @@ def _require_takeable(judged: Sequence[Standing]) -> None:
             f"nothing was sent to the vehicles: {named(each.vehicle_id for each in refused)} must not be taken",
             "see the findings above; what --leave names is left as it is, and the others are brought home",
         )
-    if all(each.part is not Part.TAKE for each in judged):
+    if all(each.treatment is not Treatment.TAKE for each in judged):
         raise VehicleRefusedError("no vehicle is in the air that could be brought home: nothing was sent to one", "")
 
 
 def _question(mission: Mission, judged: Sequence[Standing]) -> str:
-    taken = named(sorted(each.vehicle_id for each in judged if each.part is Part.TAKE))
+    taken = named(sorted(each.vehicle_id for each in judged if each.treatment is Treatment.TAKE))
     if mission.choreography.landing == "return":
         return f"Take {taken} of {mission.mission.name}, hold, return and land one after another?"
     return f"Take {taken} of {mission.mission.name}, hold, and land where they are?"
 
 
 def _as_they_are_now(
-    team: FlightTeam, judged: Sequence[Standing], facts: Sequence[VehicleFacts], recovery: Recovery
-) -> dict[int, Part]:
+    team: FlightTeam, judged: Sequence[Standing], facts: Sequence[VehicleFacts], recovery: TeamRecovery
+) -> dict[int, Treatment]:
     """Return what is done with each member: the operator may have answered late, and nothing more than agreed is done.
 
     Raises VehicleRefusedError for a vehicle that must not be taken any more.
@@ -117,11 +117,11 @@ def _as_they_are_now(
         for each in facts
         if each.vehicle_id in links and (motion := links[each.vehicle_id].motion) is not None
     ]
-    agreed = {each.vehicle_id: each.part for each in judged}
+    agreed = {each.vehicle_id: each.treatment for each in judged}
     now = standings(team.plan.mission, newest, (), recovery.from_pilot)
     _require_takeable(now)
-    changed = {each.vehicle_id: each.part for each in now if agreed[each.vehicle_id] is Part.TAKE}
-    return {i: changed.get(i, part) for i, part in agreed.items() if i in links}
+    changed = {each.vehicle_id: each.treatment for each in now if agreed[each.vehicle_id] is Treatment.TAKE}
+    return {i: changed.get(i, each) for i, each in agreed.items() if i in links}
 
 
 async def _require_no_flight(mission: Mission, keys: TeamKeys) -> None:

@@ -20,7 +20,7 @@ _OF_AUTOPILOTS = (FlightMode.HOLD, FlightMode.OFFBOARD, FlightMode.LAND, FlightM
 """Modes in which no pilot steers: those that cordon or an autopilot's failsafe leaves behind, and take-off's."""
 
 
-class Part(Enum):
+class Treatment(Enum):
     """What is done with a vehicle."""
 
     TAKE = "bring home"
@@ -34,7 +34,7 @@ class Standing:
     """What is done with a vehicle, and why; with a refusal nothing is sent to any vehicle."""
 
     vehicle_id: int
-    part: Part
+    treatment: Treatment
     finding: Finding
 
 
@@ -62,7 +62,7 @@ def _standing(facts: VehicleFacts, mission: Mission, *, missing: bool, taken: bo
 
 def _refused(vehicle_id: int, check: str, found: str, why: str, step: str) -> Standing:
     step = f"{step}, or leave it out by --leave {vehicle_id}"
-    return Standing(vehicle_id, Part.LEAVE, Finding(Grade.REFUSE, vehicle_id, check, found, why, step))
+    return Standing(vehicle_id, Treatment.LEAVE, Finding(Grade.REFUSE, vehicle_id, check, found, why, step))
 
 
 def _not_received(vehicle_id: int, found: str, step: str, *, missing: bool) -> Standing:
@@ -71,17 +71,17 @@ def _not_received(vehicle_id: int, found: str, step: str, *, missing: bool) -> S
     why = "it may be in the air: nothing is sent to it, and the others do not know where it is"
     step = "look for it, and take it by remote control; once it is received, run this again"
     finding = Finding(Grade.WARNING, vehicle_id, "link", f"it is not received: {found}", why, step)
-    return Standing(vehicle_id, Part.LEAVE, finding)
+    return Standing(vehicle_id, Treatment.LEAVE, finding)
 
 
 def _on_ground(facts: VehicleFacts, mission: Mission) -> Standing:
     i, place_m = facts.vehicle_id, facts.position_m
     if place_m is not None and not facts.status.in_air and _away_m(mission, i, place_m) <= PLACE_TOLERANCE_M:
-        return Standing(i, Part.LEAVE, Finding(Grade.PASS, i, "on the ground", "it is disarmed, near its start"))
+        return Standing(i, Treatment.LEAVE, Finding(Grade.PASS, i, "on the ground", "it is disarmed, near its start"))
     where = "at an unknown place" if place_m is None else _where(mission, i, place_m)
     why, step = "away from its start it has landed by itself, or fallen", "recover and inspect it"
     finding = Finding(Grade.WARNING, i, "on the ground", f"it is disarmed, {where}", why, step)
-    return Standing(i, Part.LEAVE, finding)
+    return Standing(i, Treatment.LEAVE, finding)
 
 
 def _refusals(facts: VehicleFacts, mission: Mission) -> Iterator[Standing]:
@@ -115,16 +115,16 @@ def _in_the_air(facts: VehicleFacts, mission: Mission, *, taken: bool) -> Standi
         step = "tell its pilot first" if taken else f"let its pilot land it, or take it by --take-from-pilot {i}"
         found += ": it is taken" if taken else ": it keeps its pilot, and the others keep apart from it"
         finding = Finding(Grade.WARNING, i, "pilot", found, why, step)
-        return Standing(i, Part.TAKE if taken else Part.ACCOMPANY, finding)
+        return Standing(i, Treatment.TAKE if taken else Treatment.ACCOMPANY, finding)
     fence = fences([mission.vehicle(i).section], mission.safety).get(i)
     if fence is not None and not fence.contains(place_m[:2]):
         why = "outside its fence the guard leads it back inside first, straight to the nearest place"
         finding = Finding(Grade.WARNING, i, "fence", f"{found}; it is outside its fence", why, "watch its way")
-        return Standing(i, Part.TAKE, finding)
+        return Standing(i, Treatment.TAKE, finding)
     low = status.battery is None or status.battery < BATTERY_LOW
     why, step = "its way home takes time, and it lands in its turn", "land it where it is by --land, if that is nearer"
     finding = Finding.graded(Grade.WARNING if low else Grade.PASS, i, "in the air", found, why, step)
-    return Standing(i, Part.TAKE, finding)
+    return Standing(i, Treatment.TAKE, finding)
 
 
 def _away_m(mission: Mission, vehicle_id: int, place_m: Triple) -> float:

@@ -10,7 +10,7 @@ from gcs.autopilots import ardupilot, px4, registry
 from gcs.flight.recovery import homeward
 from gcs.mission.file import load_mission
 from gcs.preflight.findings import Grade, VehicleFacts
-from gcs.preflight.recovery import FAR_M, Part, Standing, standings
+from gcs.preflight.recovery import FAR_M, Standing, Treatment, standings
 
 CASE2 = load_mission("case2")
 FENCE_M = ((-50.0, -50.0), (50.0, -50.0), (50.0, 50.0), (-50.0, 50.0))
@@ -39,18 +39,18 @@ def judged(facts: VehicleFacts, *, missing: bool = False, taken: bool = False) -
 )
 def test_one_that_its_autopilot_holds_lands_or_returns_is_taken(mode: FlightMode) -> None:
     standing = judged(with_status(mode=mode))
-    assert (standing.part, standing.finding.grade) == (Part.TAKE, Grade.PASS)
+    assert (standing.treatment, standing.finding.grade) == (Treatment.TAKE, Grade.PASS)
     assert all(each in standing.finding.found for each in (mode.value, "20.6 m", "height 8.0 m", "80%"))
 
 
 @pytest.mark.parametrize("mode", [FlightMode.OTHER, FlightMode.UNKNOWN, FlightMode.READY])
 def test_one_that_a_pilot_may_fly_is_taken_only_at_the_word(mode: FlightMode) -> None:
     kept, taken = judged(with_status(mode=mode)), judged(with_status(mode=mode), taken=True)
-    assert (kept.part, taken.part) == (Part.ACCOMPANY, Part.TAKE)
+    assert (kept.treatment, taken.treatment) == (Treatment.ACCOMPANY, Treatment.TAKE)
     assert kept.finding.grade is taken.finding.grade is Grade.WARNING
     assert "--take-from-pilot 2" in kept.finding.next_step
     silent = replace(ALOFT, mode_received=False)
-    assert judged(silent).part is Part.ACCOMPANY, "its mode is not known"
+    assert judged(silent).treatment is Treatment.ACCOMPANY, "its mode is not known"
 
 
 @pytest.mark.parametrize(
@@ -68,23 +68,23 @@ def test_one_that_a_pilot_may_fly_is_taken_only_at_the_word(mode: FlightMode) ->
 )
 def test_refused_are_those_that_may_be_another_vehicle_or_cannot_be_flown(facts: VehicleFacts, words: str) -> None:
     standing = judged(facts, taken=True)
-    assert (standing.part, standing.finding.grade) == (Part.LEAVE, Grade.REFUSE)
+    assert (standing.treatment, standing.finding.grade) == (Treatment.LEAVE, Grade.REFUSE)
     assert words in standing.finding.found
     assert "--leave 2" in standing.finding.next_step
 
 
 def test_those_that_are_missing_on_the_ground_or_fell_are_left() -> None:
     missing = judged(VehicleFacts(vehicle_id=2, unreachable=("no heartbeat", "look")), missing=True)
-    assert (missing.part, missing.finding.grade) == (Part.LEAVE, Grade.WARNING)
+    assert (missing.treatment, missing.finding.grade) == (Treatment.LEAVE, Grade.WARNING)
     down = structs.replace(ALOFT.status, armed=False, in_air=False)
     home = judged(replace(ALOFT, status=down, position_m=(0.5, 0.5, 0.0)))
-    assert (home.part, home.finding.grade) == (Part.LEAVE, Grade.PASS)
+    assert (home.treatment, home.finding.grade) == (Treatment.LEAVE, Grade.PASS)
     fell = judged(replace(ALOFT, status=down))
-    assert (fell.part, fell.finding.grade) == (Part.LEAVE, Grade.WARNING)
+    assert (fell.treatment, fell.finding.grade) == (Treatment.LEAVE, Grade.WARNING)
     place = CASE2.mission_frame().geodetic_from_mission((20.0, 5.0, 8.0))
     assert f"20.6 m from its start, at {place.latitude_deg:.6f}, {place.longitude_deg:.6f}" in fell.finding.found
     falling = judged(replace(ALOFT, status=structs.replace(down, in_air=True), position_m=(0.0, 0.0, 5.0)))
-    assert (falling.part, falling.finding.grade) == (Part.LEAVE, Grade.WARNING)
+    assert (falling.treatment, falling.finding.grade) == (Treatment.LEAVE, Grade.WARNING)
 
 
 def test_low_batteries_and_places_outside_the_fence_are_warnings() -> None:
@@ -93,7 +93,11 @@ def test_low_batteries_and_places_outside_the_fence_are_warnings() -> None:
     fenced = replace(CASE2, safety=CASE2.safety.model_copy(update={"fence_m": FENCE_M}))
     far = replace(ALOFT, position_m=(60.0, 0.0, 8.0))
     (standing,) = standings(fenced, [far], (), ())
-    assert (standing.part, standing.finding.check, standing.finding.grade) == (Part.TAKE, "fence", Grade.WARNING)
+    assert (standing.treatment, standing.finding.check, standing.finding.grade) == (
+        Treatment.TAKE,
+        "fence",
+        Grade.WARNING,
+    )
     assert judged(far).finding.grade is Grade.PASS
 
 
