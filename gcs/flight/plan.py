@@ -65,8 +65,9 @@ class FlightPlan:
     recovery: TeamRecovery | None = None
 
     def __post_init__(self) -> None:
-        """Raise InputError for a mission with a planner of its own that was not loaded."""
-        require_loaded(self.mission, self.planner, "this flight")
+        """Raise InputError for a mission with a planner of its own that was not loaded; the way home is cordon's."""
+        if self.recovery is None:
+            require_loaded(self.mission, self.planner, "this flight")
 
     def source(self, speed: float) -> str:
         """Return the source of the flight's data: only a simulation runs at another speed than the wall clock."""

@@ -7,7 +7,9 @@ from msgspec import structs
 
 from agents.ports import FlightMode, VehicleStatus
 from gcs.autopilots import ardupilot, px4, registry
-from gcs.flight.recovery import homeward
+from gcs.errors import InputError
+from gcs.flight.plan import FlightPlan, TeamRecovery
+from gcs.flight.recovery import HOLDS_S, homeward
 from gcs.mission.file import load_mission
 from gcs.preflight.findings import Grade, VehicleFacts
 from gcs.preflight.recovery import FAR_M, Standing, Treatment, standings
@@ -113,3 +115,12 @@ def test_the_way_home_has_layers_where_they_fit_and_the_teams_identity() -> None
     low, told = homeward(CASE2.replace(safety={"altitude_max_m": 10.0}), land=False)
     assert low.choreography.landing == "in_place"
     assert "altitude_max_m" in told
+
+
+def test_a_team_with_a_planner_of_its_own_is_brought_home_without_it() -> None:
+    mission, _ = homeward(CASE2.replace(mission={"planner": "somewhere:Planner"}), land=False)
+    assert mission.mission.planner == "somewhere:Planner"
+    plan = FlightPlan(mission, HOLDS_S, mission.vehicles, None, recovery=TeamRecovery())
+    assert plan.planner is None
+    with pytest.raises(InputError):
+        replace(plan, recovery=None)
