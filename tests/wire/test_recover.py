@@ -130,9 +130,9 @@ def kill_whole(supervisor: int) -> None:
         os.kill(process_id, signal.SIGKILL)
 
 
-async def recovered(team: Team, *options: str, path: str = "") -> tuple[int, str]:
+async def recovered(team: Team, *options: str, path: str = "", log: str = "") -> tuple[int, str]:
     """Recover the team; return the exit code and what was said."""
-    arguments = (path or team.path, "--yes", "--no-log", *options)
+    arguments = (path or team.path, "--yes", *(("--log", log) if log else ("--no-log",)), *options)
     async with asyncio.timeout(PATIENCE_S), running("recover", *arguments) as process:
         out, err = await process.communicate()
     assert out == b""
@@ -204,21 +204,26 @@ async def test_a_pilot_keeps_his_vehicle_and_one_that_fell_is_reported(
 
 
 async def test_a_vehicle_is_taken_from_its_pilot_at_the_word_and_a_silent_one_is_left(
-    mission_file: Callable[..., str], monkeypatch: pytest.MonkeyPatch
+    mission_file: Callable[..., str], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
+    """The log of it is replayed bit for bit."""
     monkeypatch.setattr("sitl.autopilot.guidance.NEEDS_STICKS", frozenset())
     path, places_m = mission_file("case2", *UNLIKE), {1: (10.0, 6.0), 2: (20.0, 0.0)}
     async with team_of(path, starts_m=places_m) as team:
         await take_off(team, {1: 8.0, 2: 8.0})
         team.vehicles[2]._intention.mode = NavMode.POSITION
         team.stubs.stubs[3].faults.link_cut = True
-        code, said = await recovered(team, "--take-from-pilot", "2", "--land")
+        code, said = await recovered(team, "--take-from-pilot", "2", "--land", log=str(tmp_path / "home.mcap"))
         assert code == 0, said
         assert not team.aloft
         assert {i: dist(team.place_m(i)[:2], place_m) < 1.0 for i, place_m in places_m.items()} == {1: True, 2: True}
     words = " ".join(said.split())
     assert "warning vehicle 3 it is not received: no heartbeat" in words
     assert "Landed and disarmed" in words
+    async with running("replay", str(tmp_path / "home.mcap")) as replay:
+        out, err = await replay.communicate()
+        assert replay.returncode == 0, err.decode()
+        assert b"compared bit for bit" in out + err
 
 
 async def test_nothing_is_sent_while_one_must_not_be_taken_and_the_others_come_home_without_it(
