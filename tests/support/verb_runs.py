@@ -72,7 +72,11 @@ BESIDE = (
 )
 STUBS = VerbRun("sitl", "stubs.toml", ready="Ctrl-C", lasts=True)
 AFTER = VerbRun("log audit", "fly.mcap")
-BESIDE_STUBS = (VerbRun("check", "stubs.toml", keys=OUTPUT_KEYS["check"]), VerbRun("keys issue mavlink", "signed.toml"))
+BESIDE_STUBS = (
+    VerbRun("check", "stubs.toml", keys=OUTPUT_KEYS["check"]),
+    VerbRun("recover", "stubs.toml --yes --no-log", (3,)),  # they are on the ground
+    VerbRun("keys issue mavlink", "signed.toml"),
+)
 ALONE = (
     VerbRun("missions", keys=OUTPUT_KEYS["missions"]),
     VerbRun("new", "new.toml --vehicles 2 --links stub --shape line --radius 10 --rate 0.1 --target rest --fence 20"),
@@ -80,7 +84,6 @@ ALONE = (
     VerbRun("sim", "ring.toml --duration 10 --log sim.mcap", (0, 1), RESULT_KEYS[""]),
     VerbRun("sweep", "ring.toml --seeds 0:2 --duration 5 --workers 1 --out swept", (0, 1), OUTPUT_KEYS["sweep"]),
     VerbRun("sweep plot", "swept", keys=OUTPUT_KEYS["sweep plot"]),
-    VerbRun("recover", "ring.toml --yes", (3,)),  # no vehicle is received
     VerbRun("report", "sim.mcap", (0, 1), RESULT_KEYS[""]),
     VerbRun("replay", "sim.mcap", keys=OUTPUT_KEYS["replay"]),
     VerbRun("log recover", "sim.mcap"),
