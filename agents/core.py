@@ -122,7 +122,7 @@ class VehicleCore:
         self._restarts = 0
         self._now_s = 0.0
         self._time_scale = 1.0
-        self._was_armed = self._was_in_air = self._ends = self._is_over = False
+        self._was_armed = self._was_in_air = self._ends = self._is_over = self._is_adopted = False
         self._takes: dict[type, Callable[[Any], None]] = {
             TimeScale: self._take_time_scale,
             Start: self._take_start,
@@ -220,6 +220,9 @@ class VehicleCore:
             because = f"{self.alert} is over" if event is Event.RESUME else ""
             self._change(event, because, cause=LandingCause(self.alert))
         self._follow_mission(situation)
+        if self._is_adopted:
+            self._is_adopted, self._layer_m = False, situation.height_m
+            self._altitude.begin_at(situation.height_m)
         self._layer_m = self._chosen_layer_m(situation)
         return Task(self._tactic, situation, self._layer_m, self._team.members())
 
@@ -458,7 +461,8 @@ class VehicleCore:
         self._failsafe.start(item.at_s)
 
     def _take_event(self, item: TacticEvent) -> None:
-        self._ends = self._ends or item.event is Event.HOLD
+        self._is_adopted = self._is_adopted or item.event is Event.ADOPT
+        self._ends = self._ends or item.event in (Event.HOLD, Event.ADOPT)
         self._is_over = self._is_over or item.event is Event.END
         self._failsafe.leave_to_operator()
         self._change(item.event)

@@ -67,6 +67,10 @@ class Altitude:
         self._ring = config.encirclement
         self._has_heights = self._has_heights or self._ring.has_heights
 
+    def begin_at(self, altitude_m: float) -> None:
+        """Begin at an altitude other than that of the take-off."""
+        self._altitude_m = altitude_m
+
     @property
     def target_m(self) -> float | None:
         """The estimate of the target's altitude, None if it is unknown or not followed."""

@@ -5,9 +5,10 @@
 
 import asyncio
 import time
-from collections.abc import Callable, Coroutine
+from collections.abc import Callable, Collection, Coroutine
 from dataclasses import replace
 from enum import Enum, auto
+from math import inf
 
 from agents.flight_end import FlightEnd, LastPosition
 from agents.inputs import (
@@ -247,12 +248,27 @@ class Agent:
 
         An exception that is not a refusal is raised once the vehicle is on the ground.
         """
+        return await self._live(LifeEvent.FLY, duration_s, stop)
+
+    async def recover(self, together: Collection[int], hold_s: float, stop: Stop) -> Outcome:
+        """Take a vehicle that is in the air, hold it where it is, and bring it home; ends and raises as `fly`.
+
+        The vehicles `together`, with this one, begin to return at once, `hold_s` after all of them hold.
+        """
+        self._start_agreement.with_only(together)
+        return await self._live(LifeEvent.ADOPT, hold_s, stop)
+
+    async def accompany(self, stop: Stop) -> Outcome:
+        """Send the state of a vehicle that its pilot flies to the peers, which keep apart from it, until `stop`."""
+        return await self._live(LifeEvent.ACCOMPANY, inf, stop)
+
+    async def _live(self, begin: LifeEvent, duration_s: float, stop: Stop) -> Outcome:
         self._core.take(TimeScale(max(self._clock.time_scale, 1.0)))
         self._duration_s, self._stop = duration_s, stop
         self._reporter.wait(None)
         self._start_agreement.bound(duration_s)
         try:
-            self._happen(LifeEvent.FLY)
+            self._happen(begin)
             await self._over.wait()
         except asyncio.CancelledError:
             self._happen(LifeEvent.ABORTED)
@@ -453,6 +469,13 @@ class Agent:
         self._activities.start(ActivityKind.OPERATOR, self._watch_operator)
         self._activities.start(ActivityKind.TICKS, self._tick_in_take_off)
 
+    def _adopt(self) -> None:
+        self._parts.heartbeat.rising()
+        self._took_off = True
+        self._activities.start(ActivityKind.OPERATOR, self._watch_operator)
+        self._loop.tick_only()  # it gives the core the time and the autopilot's status
+        self._core.take(TacticEvent(Event.ADOPT))
+
     def _start_control(self) -> None:
         self._flew = True
         self._activities.start(ActivityKind.TICKS, self._tick_in_control)
@@ -526,6 +549,7 @@ class Agent:
         begin = self._activities.start
         return {
             Action.COMPARE_CLOCKS: lambda: begin(ActivityKind.START, self._agree_on_clocks, LifeEvent.CLOCKS_DIFFER),
+            Action.ADOPT: self._adopt,
             Action.TAKE_OFF: self._take_off,
             Action.ABANDON_TAKE_OFF: lambda: begin(ActivityKind.CALL, self._wait_for_arming),
             Action.START_CONTROL: self._start_control,

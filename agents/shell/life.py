@@ -41,6 +41,10 @@ class LifeEvent(Enum):
     """
 
     FLY = "fly"
+    ADOPT = "adopt"
+    """The vehicle is in the air, and is taken from its autopilot or another ground station."""
+    ACCOMPANY = "accompany"
+    """The vehicle is in the air, and its pilot keeps it: it is only watched."""
     CLOCKS_AGREE = "clocks agree"
     CLOCKS_DIFFER = "clocks differ"
     TAKE_OFF_DONE = "take-off done"
@@ -78,6 +82,8 @@ class Action(Enum):
     """The actions of the shell on a transition."""
 
     COMPARE_CLOCKS = "compare clocks"
+    ADOPT = "adopt"
+    """Supervise a vehicle that is in the air, and let the core hold it where it is."""
     TAKE_OFF = "take off"
     ABANDON_TAKE_OFF = "abandon take-off"
     """Wait until an arming in progress has been reported, then check whether the vehicle is armed."""
@@ -142,6 +148,12 @@ TRANSITIONS: dict[tuple[Phase, LifeEvent], Transition] = {
     # The agent still controls the vehicle, which stays in its phase.
     **{(phase, LifeEvent.SETPOINTS_LOST): (phase, (Action.START_OFFBOARD,)) for phase in _WITHOUT_SETPOINTS},
     (Phase.GROUND, LifeEvent.FLY): (Phase.COMPARING_CLOCKS, (Action.COMPARE_CLOCKS,)),
+    # A vehicle in the air needs no take-off; from offboard on it is flown as one that has taken off.
+    (Phase.GROUND, LifeEvent.ADOPT): (Phase.HOVERING, (Action.ADOPT, Action.START_CONTROL)),
+    (Phase.GROUND, LifeEvent.ACCOMPANY): (
+        Phase.PILOT_OVERRIDE,
+        (Action.ADOPT, Action.START_CONTROL, Action.HAND_OVER),
+    ),
     (Phase.GROUND, LifeEvent.KILL): (Phase.KILLING, (Action.CUT_MOTORS,)),
     (Phase.COMPARING_CLOCKS, LifeEvent.CLOCKS_AGREE): (Phase.TAKE_OFF, (Action.TAKE_OFF,)),
     (Phase.COMPARING_CLOCKS, LifeEvent.CLOCKS_DIFFER): _CHECK_REFUSED,

@@ -128,6 +128,7 @@ class StartAgreement:
     ) -> None:
         self._bus = bus
         self._clock = clock
+        self._vehicle_id = vehicle_id
         self._mission = mission
         self._other_missions: dict[int, MissionIdentity] = {}
         self._readiness = TeamReadiness(vehicle_id, members)
@@ -161,6 +162,10 @@ class StartAgreement:
     def bound(self, duration_s: float) -> None:
         """Take the mission's duration: a mission that began longer ago is over, and is not joined."""
         self._duration_s = duration_s
+
+    def with_only(self, members: Collection[int]) -> None:
+        """Agree with these members of the team only: the others do not begin with this vehicle."""
+        self._readiness = TeamReadiness(self._vehicle_id, members)
 
     def announce(self) -> None:
         """Send the time to the peers from now on; the clock's speed must be set."""

@@ -18,7 +18,7 @@ from gcs.errors import Exit, InputError
 
 GROUPS = {
     "Plan": ("missions", "new", "schema", "sim", "sweep", "check"),
-    "Fly": ("fly", "start", "sitl", "drill", "excite", "relay", "router"),
+    "Fly": ("fly", "start", "sitl", "recover", "drill", "excite", "relay", "router"),
     "Operate": ("watch", "station", "command", "target", "ros2", "cot", "keys"),
     "Analyse": ("report", "replay", "identify", "log", "flights"),
 }

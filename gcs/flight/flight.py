@@ -32,6 +32,7 @@ from gcs.flight.heartbeat import SupervisorLink, Unsupervised
 from gcs.flight.live.operating import ProgramLink
 from gcs.flight.plan import FlightPlan
 from gcs.flight.preparation import Readiness, StartWait
+from gcs.flight.recovery import LEFT_TO_PILOT, prepare_recovery
 from gcs.flight.stubs import FlightStubs, clock_refusal, url_ports
 from gcs.flight.target_vehicle import TargetVehicle
 from gcs.flight.team import FlightTeam, Member
@@ -40,7 +41,7 @@ from gcs.flightlog.flight import Recording
 from gcs.keys.identity import Identity, user_name
 from gcs.keys.team_keys import flight_keys
 from gcs.link.hub import MavsdkHub
-from gcs.link.ports import fed_ports, flight_claims
+from gcs.link.ports import fed_ports, flight_claims, recovery_claims
 from gcs.link.signing_keys import signing_keys
 from gcs.metrics.ending import Unaccounted, named
 from gcs.metrics.journal import Journal
@@ -130,7 +131,7 @@ async def command_by_keyboard(team: FlightTeam, stack: AsyncExitStack) -> Callab
         return Text
     mission, here = team.plan.mission, {member.vehicle.id for member in team.members}
     identity, client = Identity(Participant("operator", user_name())), None
-    if len(team.members) < len(team.plan.mission.vehicles):
+    if team.plan.recovery is None and len(team.members) < len(team.plan.mission.vehicles):
         try:
             identity = team.keys.identity("operator")
         except InputError as error:
@@ -262,7 +263,10 @@ async def _fly(
     flight_stubs = FlightStubs(plan.mission, plan.stubs, clock)
     async with AsyncExitStack() as stack:
         loop = asyncio.get_running_loop()
-        claims = stack.enter_context(flight_claims(plan.mission, plan.stubs))
+        if plan.recovery is None:
+            claims = stack.enter_context(flight_claims(plan.mission, plan.stubs))
+        else:
+            claims = stack.enter_context(recovery_claims(plan.mission))
         supervisor.relay(
             lambda: loop.call_soon_threadsafe(team.stop.request, _ORPHANED if supervisor.is_lost else BY_OPERATOR)
         )
@@ -280,7 +284,10 @@ async def _fly(
         target = TargetVehicle(plan.mission, hub, clock, team.agents, team.signing_keys)
         stack.push_async_callback(target.close)
         team.view.update([], 0.0, "looking for the vehicles")
-        await _unless_stopped(_prepare(team, target, report), team.stop)
+        recovery = plan.recovery
+        prepare = _prepare(team, target, report) if recovery is None else prepare_recovery(team, recovery, report)
+        await _unless_stopped(prepare, team.stop)
+        plan = replace(plan, vehicles=tuple(member.vehicle for member in team.members))
         # Vehicles send to these ports now: no stub server may start on them later. Stubs hold their ports themselves.
         claims.take_fed(fed_ports(plan.vehicles))
         team.recording.note_run(plan.run(clock.time_scale))
@@ -342,7 +349,7 @@ async def _fly_members(
     """Fly until every vehicle's flight has ended; what runs beside is cancelled then."""
     tasks = [asyncio.create_task(each) for each in beside]
     try:
-        outcomes = await asyncio.gather(*(_fly_member(team, member) for member in team.members))
+        outcomes = await (_fly_team(team) if team.plan.recovery is None else _recover_team(team))
     finally:
         for task in tasks:
             task.cancel()
@@ -364,9 +371,38 @@ async def _report_positions(team: FlightTeam, supervisor: SupervisorLink) -> Non
         await asyncio.sleep(_POSITIONS_EVERY_S)
 
 
-async def _fly_member(team: FlightTeam, member: Member) -> Outcome:
+async def _fly_team(team: FlightTeam) -> Sequence[Outcome]:
+    flights = (_fly_member(team, each, each.agent.fly(team.plan.duration_s, team.stop)) for each in team.members)
+    return await asyncio.gather(*flights)
+
+
+async def _recover_team(team: FlightTeam) -> Sequence[Outcome]:
+    """Bring home all but the vehicles that their pilots fly, whose states the others receive until they are down."""
+    taken = [each for each in team.members if each.vehicle.id not in team.accompanied]
+    together, landed = [each.vehicle.id for each in taken], Stop()
+    flights = {
+        each.vehicle.id: asyncio.create_task(
+            _fly_member(team, each, each.agent.recover(together, team.plan.duration_s, team.stop))
+            if each in taken
+            else each.agent.accompany(landed)
+        )
+        for each in team.members
+    }
     try:
-        outcome = await member.agent.fly(team.plan.duration_s, team.stop)
+        await asyncio.gather(*(flights[i] for i in together))
+    finally:
+        for _ in range(2):  # the second time it is over at once
+            landed.request()
+        outcomes = await asyncio.gather(*flights.values())
+    return [
+        replace(each, reason=LEFT_TO_PILOT) if i in team.accompanied and each.how is FlightEnd.PILOT else each
+        for i, each in zip(flights, outcomes, strict=True)
+    ]
+
+
+async def _fly_member(team: FlightTeam, member: Member, flight: Coroutine[None, None, Outcome]) -> Outcome:
+    try:
+        outcome = await flight
     except Exception as error:  # a bug in one agent must not leave the other vehicles without control
         traceback.print_exc()
         team.stop.request(Outcome(FlightEnd.FAILSAFE, f"the agent of vehicle {member.vehicle.id} failed"))

@@ -24,6 +24,18 @@ from sitl.server.shared_clock import ClockName
 
 
 @dataclass(frozen=True, slots=True)
+class TeamRecovery:
+    """How vehicles that are in the air are brought home.
+
+    Those `from_pilot` are taken also if a pilot may fly them. Unless it is `confirmed` already, the operator is asked
+    on the terminal; until then vehicles are sent nothing but requests for reports.
+    """
+
+    from_pilot: tuple[int, ...] = ()
+    confirmed: bool = False
+
+
+@dataclass(frozen=True, slots=True)
 class FlightPlan:
     """What to fly: mission, duration, vehicles, speed of the mission clock (None: measure it), and agents' equipment.
 
@@ -32,7 +44,8 @@ class FlightPlan:
     are about to be ready. `faults` are those to inject into stubs, in order of time. On the `bench`, boards with
     simulated bodies fly, without propellers. With `awaits_start` the vehicles wait on the ground until an operator
     starts them (`cordon start`). A flight of stubs joins the governed `clock` that they are on, or makes one. `holders`
-    are those of the bus's keys when the flight begins. `planner` is the mission's, None for cordon's.
+    are those of the bus's keys when the flight begins. `planner` is the mission's, None for cordon's. A `recovery`
+    brings vehicles home that are in the air.
     """
 
     mission: Mission
@@ -49,10 +62,12 @@ class FlightPlan:
     clock: ClockName | None = None
     holders: Sequence[Holder] | None = None
     planner: ChosenPlanner | None = None
+    recovery: TeamRecovery | None = None
 
     def __post_init__(self) -> None:
-        """Raise InputError for a mission with a planner of its own that was not loaded."""
-        require_loaded(self.mission, self.planner, "this flight")
+        """Raise InputError for a mission with a planner of its own that was not loaded; the way home is cordon's."""
+        if self.recovery is None:
+            require_loaded(self.mission, self.planner, "this flight")
 
     def source(self, speed: float) -> str:
         """Return the source of the flight's data: only a simulation runs at another speed than the wall clock."""

@@ -5,6 +5,7 @@ import gc
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
+from itertools import chain, repeat
 from math import isinf
 
 from agents.flight_end import FlightEnd
@@ -26,7 +27,7 @@ from gcs.metrics.ending import HEADLINES
 from gcs.metrics.record import FlightRecord
 from gcs.mission.mission import Mission
 from gcs.preflight.findings import Finding, Grade
-from gcs.preflight.preflight import findings_view
+from gcs.preflight.preflight import RECOVERY_HEADLINES, findings_view
 
 _SPEED_REACHED_SHARE = 0.97
 FULL_COLLECTION_NEVER = 1_000_000
@@ -64,7 +65,7 @@ def flown(
         unblocked(STDERR),
         LiveView(STDERR, plan.mission.safety.separation_m) as view,
     ):
-        report = partial(_report_findings, plan.mission)
+        report = partial(_report_findings, plan.mission) if plan.recovery is None else _reporting(plan.mission)
         _forgo_full_collections()
         return asyncio.run(fly(replace(plan, log=log), view, report, supervisor, program)), log
 
@@ -86,6 +87,20 @@ def _report_findings(mission: Mission, findings: Sequence[Finding]) -> None:
     """Print the findings that are not passes."""
     if any(finding.grade is not Grade.PASS for finding in findings):
         STDERR.print(findings_view(mission.mission.name, findings))
+
+
+def _reporting(mission: Mission) -> Callable[[Sequence[Finding]], None]:
+    """Return what prints first what is done with each vehicle of a team that is brought home, then other findings."""
+    first = chain([True], repeat(False))
+
+    def report(findings: Sequence[Finding]) -> None:
+        if next(first):
+            name = mission.mission.name
+            STDERR.print(findings_view(name, findings, passes=True, headlines=RECOVERY_HEADLINES))
+        else:
+            _report_findings(mission, findings)
+
+    return report
 
 
 def exit_code(mission: Mission, outcomes: dict[int, Outcome], verdict: Exit) -> Exit:

@@ -2,7 +2,7 @@
 
 import asyncio
 from collections import deque
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 
@@ -103,6 +103,7 @@ class FlightTeam:
     `stop` is the operator's request to end; `view` is the live view; `signing_keys` are those of the links,
     by the vehicle's system id. `newest` is each vehicle's newest status, also during take-off and landing; `buses` and
     `kinds` are the vehicles' buses and kinds by id. `priority` is entered for a flight on the wall's clock.
+    `accompanied` are members that their pilots fly, from the beginning.
     """
 
     plan: FlightPlan
@@ -118,6 +119,7 @@ class FlightTeam:
     newest: dict[int, CoreStatus] = field(default_factory=dict)
     kinds: dict[int, str] = field(default_factory=dict)
     priority: RaisedPriority = field(default_factory=RaisedPriority)
+    accompanied: set[int] = field(default_factory=set)
 
     @property
     def agents(self) -> list[Agent]:
@@ -127,7 +129,7 @@ class FlightTeam:
     @property
     def start_s(self) -> float | None:
         """The mission's start on the shared clock, once the agents agreed on it."""
-        return self.members[0].agent.start_s
+        return next((each for agent in self.agents if (each := agent.start_s) is not None), None)
 
     def begin_vehicle(self, facts: VehicleFacts) -> None:
         """Record what is known of a vehicle before take-off, and its kind."""
@@ -204,6 +206,26 @@ class FlightTeam:
 
     async def connect(self) -> None:
         """Connect all links and buses; raises VehicleRefusedError with the reason of each that cannot be reached."""
+        _refuse(await self._connect())
+
+    async def connect_some(self) -> dict[int, VehicleRefusedError]:
+        """Connect the links and buses that can be; return why the others, which are members no more, cannot.
+
+        Raises as `connect` if none can.
+        """
+        refused = await self._connect()
+        if len(refused) == len(self.members):
+            _refuse(refused)
+        await self.leave({member.vehicle.id for member, _ in refused})
+        return {member.vehicle.id: refusal for member, refusal in refused}
+
+    async def leave(self, vehicle_ids: Collection[int]) -> None:
+        """Release the links and buses of members, which are members no more."""
+        left = [member for member in self.members if member.vehicle.id in vehicle_ids]
+        self.members[:] = [member for member in self.members if member not in left]
+        await asyncio.gather(*(member.agent.close() for member in left))
+
+    async def _connect(self) -> list[tuple[Member, VehicleRefusedError]]:
         results = await asyncio.gather(*(agent.connect() for agent in self.agents), return_exceptions=True)
         refused: list[tuple[Member, VehicleRefusedError]] = []
         for member, result in zip(self.members, results, strict=True):
@@ -211,10 +233,7 @@ class FlightTeam:
                 refused.append((member, result))
             elif isinstance(result, BaseException):
                 raise result
-        if len({id(refusal) for _, refusal in refused}) == 1:  # of one vehicle, or of the bus that they share
-            raise refused[0][1]
-        if refused:
-            raise VehicleRefusedError("\n".join(_line(member.vehicle, refusal) for member, refusal in refused), "")
+        return refused
 
     async def measure_speed(self) -> None:
         """Set the clock to the autopilots' speed: a simulator may run faster than the wall clock."""
@@ -306,6 +325,14 @@ def _true_sensor(sensor: TargetSensor, link: CheckedLink) -> TargetSensor:
         return None if link.motion is None else extrapolated_m(link.motion, now_s)
 
     return TrueSensor(sensor, truth.position_m, estimated_m)
+
+
+def _refuse(refused: Sequence[tuple[Member, VehicleRefusedError]]) -> None:
+    """Raise VehicleRefusedError with the reasons of all that cannot be reached, if any."""
+    if len({id(refusal) for _, refusal in refused}) == 1:  # of one vehicle, or of the bus that they share
+        raise refused[0][1]
+    if refused:
+        raise VehicleRefusedError("\n".join(_line(member.vehicle, refusal) for member, refusal in refused), "")
 
 
 def _line(vehicle: MissionVehicle, refusal: VehicleRefusedError) -> str:

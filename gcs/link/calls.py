@@ -51,6 +51,10 @@ UNANSWERED = (TIMEOUT, "PARAMETER_ERROR")
 DO_SET_MODE, CUSTOM_MODE_ENABLED, AUTOPILOT_COMPONENT = 176, 1, 1
 
 
+class NotReceivedError(VehicleRefusedError):
+    """Nothing is received where the vehicle should be."""
+
+
 class NotReadyError(VehicleRefusedError):
     """The vehicle is not ready yet; waiting may resolve it."""
 

@@ -18,6 +18,7 @@ from agents.ports import VehicleRefusedError
 from agents.shell.clock import MissionClock
 from gcs.autopilots.registry import AUTOPILOTS, advice
 from gcs.errors import InputError
+from gcs.link.calls import NotReceivedError
 from gcs.link.feed import PostedCalls
 from gcs.link.ports import require_usable
 from gcs.link.rates import RateController, Traffic
@@ -287,7 +288,7 @@ def _claimed_twice(url: str, system_id: int, addresses: Iterable[Address]) -> Ve
 
 
 def _no_heartbeat(url: str, timeout_s: float) -> VehicleRefusedError:
-    return VehicleRefusedError(
+    return NotReceivedError(
         f"no heartbeat on {url} within {timeout_s:g} s",
         f"start a vehicle there (`cordon sitl`, {', '.join(each.label for each in AUTOPILOTS)}) or check the url",
     )

@@ -107,13 +107,16 @@ def _sockets(kind: str) -> list[Any]:
 
 
 _LISTENING = ("udpin", "tcpin")
+STILL_FLIES = "command its vehicles by `cordon command`, such as `cordon command rtl`, or end that flight"
 
 
 class Claims(ExitStack):
     """The claims of this process, to be used as a context manager: they end with it, or with the process."""
 
-    def take_team(self, mission: Mission) -> list[str]:
+    def take_team(self, mission: Mission, *, alone: bool = False) -> list[str]:
         """Claim the team for the flight of a mission; return the faults: flights of other missions by that team.
+
+        With `alone` flights of this mission are faults as well.
 
         Raises InputError without a runtime directory, VehicleRefusedError if nothing can be written there.
         """
@@ -121,11 +124,13 @@ class Claims(ExitStack):
         with _claims_folder() as folder:
             others = [path for path in folder.glob(f"{team}*") if not path.name.startswith(f"{team}{digest}.")]
             holders = [holder for path in others if (holder := _holder(path)) is not None]
+            ours = [path for path in folder.glob(f"{team}{digest}.*") if alone]
+            flying = [holder for path in ours if (holder := _holder(path)) is not None]
             self._take(folder / f"{team}{digest}.{getpid()}.{token_hex(4)}")
         return [
             f"team {mission.network.team} flies another mission on this computer,{described(holder)}"
             for holder in holders
-        ]
+        ] + [f"a flight of team {mission.network.team} still runs,{described(holder)}" for holder in flying]
 
     def take_fed(self, ports: Sequence[int]) -> list[str]:
         """Claim UDP ports for the vehicles that will send to them; return the faults: ports that are fed already.
@@ -207,6 +212,17 @@ def flight_claims(mission: Mission, stubs: Collection[int]) -> Iterator[Claims]:
             faults += (fault for vehicle in vehicles for fault in _endpoint_faults(vehicle))
         faults += claims.take_fed(fed_ports(vehicles))
         _require_none(faults, "end the other run, or give this mission other ports and another network.team")
+        yield claims
+
+
+@contextmanager
+def recovery_claims(mission: Mission) -> Iterator[Claims]:
+    """Claim a team whose vehicles are in the air while no flight of it runs on this computer, while that lasts.
+
+    Raises as `flight_claims`, also when another flight of the team runs.
+    """
+    with Claims() as claims:
+        _require_none(claims.take_team(mission, alone=True), STILL_FLIES)
         yield claims
 
 

@@ -125,7 +125,7 @@ class TeamEnding:
 AUTOPILOTS_ALONE = f"only their autopilots control them now: {advice('alone', between='; ', after=' ')}"
 SEARCH = "search at its last position, then confirm that it was recovered"
 """The advice on the page, where it is confirmed."""
-WATCH_THEM = "watch them, and take over by remote control or a ground station; cordon does not reconnect to them"
+WATCH_THEM = "watch them; bring home those in the air by `cordon recover`, remote control or a ground station"
 
 
 @dataclass(frozen=True, slots=True)

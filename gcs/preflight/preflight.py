@@ -1,7 +1,7 @@
 """The preflight: from a mission and what its vehicles report to graded findings, as a table and as JSON."""
 
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, replace
 from datetime import date
 
@@ -125,7 +125,16 @@ HEADLINES = {
 }
 
 
-def findings_view(mission: str, findings: Sequence[Finding], *, passes: bool = False) -> RenderableType:
+RECOVERY_HEADLINES = {
+    Grade.REFUSE: "nothing is sent to the vehicles",
+    Grade.WARNING: "can be brought home, with warnings",
+    Grade.PASS: "can be brought home",
+}
+
+
+def findings_view(
+    mission: str, findings: Sequence[Finding], *, passes: bool = False, headlines: Mapping[Grade, str] = HEADLINES
+) -> RenderableType:
     """Return the findings as a table, refusals last; a finding of several vehicles is one row with all their ids.
 
     Without `passes` the passed checks are only counted.
@@ -146,7 +155,7 @@ def findings_view(mission: str, findings: Sequence[Finding], *, passes: bool = F
     grade = worst(findings)
     count = Counter(finding.grade for finding in findings)
     counted = ", ".join(f"{count[each]} {each.value}" for each in Grade)
-    return Group(table, Text(f"{mission}: {HEADLINES[grade]} ({counted})", style=STYLES[grade]))
+    return Group(table, Text(f"{mission}: {headlines[grade]} ({counted})", style=STYLES[grade]))
 
 
 def findings_json(mission: str, findings: Sequence[Finding]) -> str:

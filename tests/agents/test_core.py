@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from contextlib import suppress
+from dataclasses import replace
 from math import cos, hypot, pi, sin, tau
 
 import msgspec
@@ -17,6 +18,7 @@ from agents.inputs import Message, Presence, Start, TacticEvent
 from agents.outputs import TickOutput
 from agents.ring.joining import WAITING
 from agents.settings.config import AgentConfig
+from agents.settings.sections import ChoreographySettings
 from agents.tactics import Event, Tactic
 from agents.team.codec import decode, encode
 from agents.team.messages import (
@@ -29,6 +31,7 @@ from agents.team.messages import (
 )
 from estimation.plant.model import Plant, exact_step
 from estimation.state import Sighting, Telemetry, Vector
+from tests.conftest import CONFIG
 
 Maker = Callable[..., AgentConfig]
 
@@ -515,3 +518,24 @@ def test_a_vehicle_that_is_pushed_out_of_its_hold_tells_by_whom(make_config: Mak
     (note,) = [each for output in outputs for each in output.status.notes if each.kind == "guard"]
     assert note.guard is not None
     assert (note.guard.evaded, note.text) == ((3,), "evading 3")
+
+
+@pytest.mark.parametrize("ring_m", [None, 15.0])
+def test_an_adopted_vehicle_holds_at_its_height_and_returns_in_its_layer(ring_m: float | None) -> None:
+    choreography = ChoreographySettings(layer_m=3.0, landing="return")
+    config = replace(CONFIG.with_ring(altitude_m=ring_m), choreography=choreography, home_m=(0.0, 0.0))
+    core = VehicleCore(config)
+    core.tick(0.0)
+    core.take(TacticEvent(Event.ADOPT))
+    heights_m = dict[float, float]()
+    for tick in range(1, 600):
+        now_s = tick * PERIOD_S
+        core.take(Telemetry(now_s, (30.0, 5.0, 21.0), (0.0, 0.0, 0.0)))
+        if tick == 50:
+            core.take(TacticEvent(Event.END))
+        output = core.tick(now_s)
+        assert output.setpoint is not None
+        assert output.setpoint.position_m[:2] == pytest.approx((30.0, 5.0), abs=1e-6)  # it rises in place
+        heights_m[now_s] = output.setpoint.position_m[2]
+    assert {height_m for now_s, height_m in heights_m.items() if now_s < 4.95} == {21.0}
+    assert heights_m[599 * PERIOD_S] == pytest.approx(8.0 + 2 * 3.0)  # the second to land, above all flying heights

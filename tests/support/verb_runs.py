@@ -73,7 +73,11 @@ BESIDE = (
 )
 STUBS = VerbRun("sitl", "stubs.toml", ready="Ctrl-C", lasts=True)
 AFTER = VerbRun("log audit", "fly.mcap")
-BESIDE_STUBS = (VerbRun("check", "stubs.toml", keys=OUTPUT_KEYS["check"]), VerbRun("keys issue mavlink", "signed.toml"))
+BESIDE_STUBS = (
+    VerbRun("check", "stubs.toml", keys=OUTPUT_KEYS["check"]),
+    VerbRun("recover", "stubs.toml --yes --no-log", (3,)),  # they are on the ground
+    VerbRun("keys issue mavlink", "signed.toml"),
+)
 ALONE = (
     VerbRun("missions", keys=OUTPUT_KEYS["missions"]),
     VerbRun("new", "new.toml --vehicles 2 --links stub --shape line --radius 10 --rate 0.1 --target rest --fence 20"),

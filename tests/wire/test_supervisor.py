@@ -5,15 +5,13 @@ The controls fly the same process unsupervised: the test holds the other end of 
 """
 
 import asyncio
-import fcntl
 import os
 import re
 import signal
 import socket
 import sys
-import termios
-from collections.abc import AsyncIterator, Awaitable, Callable, Iterator
-from contextlib import AsyncExitStack, asynccontextmanager, contextmanager, suppress
+from collections.abc import AsyncIterator, Awaitable, Callable
+from contextlib import AsyncExitStack, asynccontextmanager, suppress
 from math import dist
 from pathlib import Path
 
@@ -28,6 +26,7 @@ from gcs.flight.supervision_protocol import ALIVE, HEARTBEAT_VARIABLE, POLL_PERI
 from gcs.mission.file import load_mission
 from sitl.autopilot.modes import NavMode
 from tests.support.mission_text import LOW, with_first_vehicles
+from tests.support.terminals import take_terminal, terminal
 from tests.support.wire import PATIENCE_S, Served, hurried, served, until
 
 pytestmark = pytest.mark.wire
@@ -139,7 +138,7 @@ async def fly(mission_file: Callable[..., str], tmp_path: Path) -> AsyncIterator
             stderr=asyncio.subprocess.PIPE if terminal is None else terminal,
             pass_fds=fds,
             start_new_session=True,
-            preexec_fn=None if terminal is None else _take_terminal,
+            preexec_fn=None if terminal is None else take_terminal,
         )
         flight = Flight(process, under_test, stubs)
         stack.push_async_callback(_end, flight)
@@ -149,25 +148,6 @@ async def fly(mission_file: Callable[..., str], tmp_path: Path) -> AsyncIterator
         number = str(stubs.clock.name.number)
         yield start
     server.close()
-
-
-@contextmanager
-def terminal() -> Iterator[tuple[int, int, bytearray]]:
-    """Open a terminal; return its user's end, the program's, and what the program has written on it so far."""
-    here, there = os.openpty()
-    shown = bytearray()
-    loop = asyncio.get_running_loop()
-    loop.add_reader(here, lambda: shown.extend(os.read(here, 65536)))
-    try:
-        yield here, there, shown
-    finally:
-        loop.remove_reader(here)
-        os.close(here)
-        os.close(there)
-
-
-def _take_terminal() -> None:
-    fcntl.ioctl(0, termios.TIOCSCTTY, 0)
 
 
 async def _end(flight: Flight) -> None:

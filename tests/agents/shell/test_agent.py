@@ -9,11 +9,20 @@ import pytest
 from agents.flight_end import FlightEnd
 from agents.inputs import ReceivedInput, Start, TacticEvent, Tick, TimeScale
 from agents.ports import Connection, FlightMode
+from agents.settings.config import AgentConfig
 from agents.shell.life import Phase
 from agents.shell.outcome import Outcome
 from agents.tactics import Event, Tactic
 from agents.team.codec import decode
-from agents.team.messages import REPORT_TOPIC, CommandAnswer, OperatorCommand, StartProposal, VehicleReport
+from agents.team.messages import (
+    REPORT_TOPIC,
+    TOPICS,
+    CommandAnswer,
+    MemberState,
+    OperatorCommand,
+    StartProposal,
+    VehicleReport,
+)
 from agents.team.verbs import Verb
 from tests.support.fake_flight import ALONE, PAIR, FakeFlight, FakeLink
 from tests.support.simulated_loop import run_simulated
@@ -763,3 +772,76 @@ def test_motors_that_are_cut_on_the_ground_end_the_wait() -> None:
         assert flight.link.calls == ["kill"]
 
     run_simulated(story())
+
+
+def aloft(mode: FlightMode, config: AgentConfig = ALONE) -> FakeFlight:
+    """Return a vehicle that is in the air, 12 m high, in a flight mode."""
+    flight = FakeFlight(config)
+    flight.link.position_m = (30.0, 5.0, 12.0)
+    flight.link.change(armed=True, in_air=True, mode=mode)
+    return flight
+
+
+async def begin(flight: FakeFlight, life: Coroutine[Any, Any, Outcome]) -> None:
+    await flight.agent.connect()
+    flight.agent.announce()
+    flight.task = asyncio.create_task(life)
+
+
+def test_a_vehicle_that_is_in_the_air_is_held_where_it_is_and_landed() -> None:
+    async def main() -> None:
+        flight = aloft(FlightMode.HOLD)
+        await begin(flight, flight.agent.recover((1,), 3.0, flight.stop))
+        await flight.until(P.FLYING)
+        assert {status.tactic for status in flight.statuses[1:]} == {Tactic.HOLD}
+        assert await flight.outcome() == Outcome(X.LANDED, flew=True)
+        assert flight.link.calls == ["send", "start_offboard", "send", *LAND]
+        assert flight.heartbeat.signs == ["rising", "tick", "ended"]
+        assert flight.events() == [Event.ADOPT, Event.END, Event.LAND]
+
+    run_simulated(main())
+
+
+def test_those_that_are_recovered_together_wait_for_each_other_and_for_nobody_else() -> None:
+    async def main() -> None:
+        waits, alone = aloft(FlightMode.HOLD, PAIR), aloft(FlightMode.HOLD, PAIR)
+        for flight, together in ((waits, (1, 2)), (alone, (1,))):
+            await begin(flight, flight.agent.recover(together, 3.0, flight.stop))
+        await alone.outcome()
+        assert waits.agent.phase is P.AGREEING_START
+        waits.stop.request()
+        assert (await waits.outcome()).how is X.OPERATOR
+
+    run_simulated(main())
+
+
+def test_a_vehicle_in_the_air_that_refuses_offboard_lands_where_it_is() -> None:
+    async def main() -> None:
+        flight = aloft(FlightMode.RETURN)
+        flight.link.refused.add("start_offboard")
+        await begin(flight, flight.agent.recover((1,), 3.0, flight.stop))
+        outcome = await flight.outcome()
+        assert (outcome.how, outcome.flew) == (X.REFUSED, True)
+        assert flight.link.calls == ["send", "start_offboard", "send", *LAND]
+
+    run_simulated(main())
+
+
+def test_a_vehicle_that_its_pilot_flies_is_sent_nothing_and_its_state_goes_to_the_peers() -> None:
+    async def main() -> None:
+        flight = aloft(FlightMode.OTHER, PAIR)
+        await begin(flight, flight.agent.accompany(flight.stop))
+        await flight.until(P.PILOT_OVERRIDE)
+        flight.command("resume")
+        await asyncio.sleep(20.0)
+        assert flight.agent.phase is P.PILOT_OVERRIDE
+        states = [decode(each) for each in flight.bus.payloads(TOPICS[MemberState].name)]
+        assert len(states) > 20
+        assert all(isinstance(each, MemberState) and each.tactic == "pilot override" for each in states)
+        flight.stop.request()
+        flight.stop.request()
+        assert (await flight.outcome()).how is X.PILOT
+        assert flight.link.calls == ["hand_over"]
+        assert flight.heartbeat.signs == ["rising", "tick", "ended"]
+
+    run_simulated(main())

@@ -285,6 +285,13 @@ REFUSED: tuple[tuple[str, ...], ...] = (
         for verb in ("check", "drill", "excite --vehicle 1", "fly", "fly --sitl", "start", "target 1 2 --mission")
     ),
     ("excite case1 --vehicle 9", "--vehicle", "9", "1, 2, 3"),
+    ("recover case1", "--yes"),
+    ("recover case1 --yes --leave 9", "--leave", "9", "1, 2, 3"),
+    ("recover case1 --yes --take-from-pilot 9", "--take-from-pilot", "9", "1, 2, 3"),
+    ("recover case1 --yes --leave 1 --take-from-pilot 1", "--leave", "1", "--take-from-pilot"),
+    ("recover case1 --yes --leave 1 --leave 2 --leave 3", "--leave"),
+    ("recover case1 --yes --speed max", "--speed", "--lockstep"),
+    ("recover evader --yes", "target.evades: ", "`cordon sim`"),
     ("sitl case1 --speed 1000", "--speed"),
     ("drill nowhere", "nowhere: "),
     ("drill case1 --log 'my logs'", "--log", "mkdir -p 'my logs'"),

@@ -1,0 +1,108 @@
+"""`cordon recover`: vehicles that are in the air come home."""
+
+import sys
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Annotated
+
+from cyclopts import Parameter
+
+from gcs.cli.options import Changes, Log, MissionName, Recorded, Speed, bus_mission, chosen_vehicle
+from gcs.errors import Exit, InputError
+from gcs.signals import hold_back
+
+if TYPE_CHECKING:
+    from gcs.flight.plan import FlightPlan
+    from gcs.metrics.record import FlightRecord
+
+
+@Parameter(name="*")
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RecoveryOptions:
+    """Options of `cordon recover`."""
+
+    mission: MissionName = field(kw_only=False)
+    changes: Changes = ()
+    land: Annotated[bool, Parameter(negative="", help="Land each vehicle where it is, instead of at its start_m.")] = (
+        False
+    )
+    take_from_pilot: Annotated[
+        tuple[int, ...],
+        Parameter(
+            negative="",
+            show_default=False,
+            help="Take this vehicle although its flight mode is one that a pilot steers in; may be repeated.",
+        ),
+    ] = ()
+    leave: Annotated[
+        tuple[int, ...],
+        Parameter(negative="", show_default=False, help="Leave this vehicle as it is; may be repeated."),
+    ] = ()
+    yes: Annotated[bool, Parameter(negative="", help="Take the vehicles without asking for confirmation.")] = False
+    speed: Speed = None
+    log: Log = None
+    recorded: Recorded = True
+
+
+def recover(options: RecoveryOptions) -> int:
+    """Bring home vehicles that are in the air: after a killed `cordon fly`, a dead laptop, or another ground station.
+
+    Connects to all vehicles of the mission, shows what it finds, and asks once. Those in the air then hold where they
+    are, return to their start_m in layers of height, and land one after another. A vehicle that a pilot flies keeps its
+    pilot. A vehicle that is armed on the ground, has another autopilot or no position is refused: then nothing is sent
+    to any.
+
+    Ctrl-C: hold, land, disarm; twice: land at once. A flight that still runs is commanded by `cordon command`.
+
+    Example: cordon recover px4-trio
+
+    Example: cordon recover px4-trio --land --leave 2 --yes
+    """
+    from gcs.flight.supervisor import is_supervised, supervise
+
+    hold_back()
+    if not (options.yes or (sys.stdin.isatty() and sys.stderr.isatty())):
+        raise InputError(["--yes: there is no terminal to ask for confirmation; give --yes to confirm"])
+    return _recover(options) if is_supervised() else supervise()
+
+
+def _recover(options: RecoveryOptions) -> Exit:
+    from gcs.flight.recording import RecordingOptions
+    from gcs.flight.run import run_flight
+
+    plan = _plan(options)
+
+    def judge(record: "FlightRecord") -> Exit:
+        from gcs.console.terminal import print_line
+        from gcs.metrics.ending import TeamEnding
+
+        ended = TeamEnding.of(record.endings)
+        if ended is not None and not ended.is_early:
+            print_line(ended.headline, "bold green")
+        return Exit.HOLDS  # no ring and no formation were flown: who has not come home is reported by vehicle
+
+    return run_flight(plan, RecordingOptions(options.log, options.recorded), judge)
+
+
+def _plan(options: RecoveryOptions) -> "FlightPlan":
+    from gcs.console.terminal import print_line
+    from gcs.flight.plan import FlightPlan, TeamRecovery
+    from gcs.flight.recovery import HOLDS_S, homeward
+    from gcs.flight.request import require_governed
+    from gcs.flight.stubs import lockstep_clock
+
+    file = bus_mission(options.mission, options.changes)
+    for option, ids in (("--take-from-pilot", options.take_from_pilot), ("--leave", options.leave)):
+        for each in ids:
+            chosen_vehicle(file, each, option)
+    if both := {*options.leave} & {*options.take_from_pilot}:
+        raise InputError([f"--leave: vehicle {each} is also given by --take-from-pilot" for each in sorted(both)])
+    mission, told = homeward(file, land=options.land)
+    if told:
+        print_line(told, "yellow")
+    vehicles = tuple(each for each in mission.vehicles if each.id not in options.leave)
+    if not vehicles:
+        raise InputError(["--leave: no vehicle of the mission is left to bring home"])
+    clock = lockstep_clock(mission)
+    require_governed(options.speed, only_stubs=clock is not None, advice="it needs `cordon sitl --lockstep`")
+    recovery = TeamRecovery(options.take_from_pilot, confirmed=options.yes)
+    return FlightPlan(mission, HOLDS_S, vehicles, options.speed, clock=clock, recovery=recovery)

@@ -1,0 +1,339 @@
+"""`cordon recover`: a team whose flight was killed comes home by another process, apart, and nobody else is touched.
+
+The vehicles are stubs of this process, on a governed clock, with plants that differ from their profiles.
+"""
+
+import asyncio
+import os
+import shutil
+import signal
+import sys
+from collections.abc import AsyncIterator, Callable, Mapping
+from contextlib import asynccontextmanager
+from dataclasses import replace
+from itertools import combinations
+from math import dist
+from pathlib import Path
+
+import psutil
+import pytest
+
+from gcs.flight.stubs import prepared_configs
+from gcs.keys.authority_folder import AuthorityFolder
+from gcs.mission.file import load_mission
+from gcs.mission.mission import Mission
+from sitl.autopilot.modes import NavMode
+from sitl.server.governed_clock import GovernedClock
+from tests.support.terminals import take_terminal, terminal
+from tests.support.wire import PATIENCE_S, Served, hurried, running, served, until
+
+pytestmark = pytest.mark.wire
+
+FAST = 10.0
+HOLDS = {"COM_OBL_RC_ACT": 5}
+"""The vehicles hold once no setpoints arrive."""
+HOME_M = 1.5
+"""How far from its start a vehicle lands that returns there."""
+UNLIKE = (
+    ("start_m = [0.0, 4.0]", "start_m = [0.0, 4.0]\ntrue_scale = { a0 = 1.15, a1 = 0.9 }"),
+    ("start_m = [0.0, 0.0]", "start_m = [0.0, 0.0]\ntrue_scale = { a0 = 0.88, a1 = 1.1 }"),
+    ("start_m = [0.0, -4.0]", "start_m = [0.0, -4.0]\ntrue_scale = { a0 = 1.1, a1 = 1.1 }"),
+)
+"""A change of case2: its vehicles' plants are off by up to 15 %."""
+ON_RING = (
+    *UNLIKE,
+    ("start_m = [35.0, -5.0]", "start_m = [14.0, 0.0]"),
+    ("distance_max_m = 12.0", "distance_max_m = 30.0"),
+    ("start_m = [0.0, -4.0]", 'start_m = [0.0, -4.0]\nautopilot = "ardupilot"'),
+)
+"""The same, with its target at hand, at which its vehicles engage at once; one is an ArduCopter."""
+
+
+class Team:
+    """The vehicles as they truly are, and the least distance of any two in the air while it is `watched`."""
+
+    def __init__(self, path: str, mission: Mission, stubs: Served) -> None:
+        self.path, self.mission, self.stubs = path, mission, stubs
+        self.clock: GovernedClock = stubs.clock
+        self.vehicles = stubs.vehicles
+        self.least_m = float("inf")
+
+    def place_m(self, i: int) -> tuple[float, ...]:
+        return tuple(self.vehicles[i].airframe.position_m)
+
+    @property
+    def aloft(self) -> set[int]:
+        return {i for i, each in self.vehicles.items() if each.armed and not each.landed}
+
+    def off_start_m(self, i: int) -> float:
+        return dist(self.place_m(i)[:2], self.mission.vehicle(i).section.start_m)
+
+    async def _watch(self) -> None:
+        while True:
+            for one, other in combinations(sorted(self.aloft), 2):
+                self.least_m = min(self.least_m, dist(self.place_m(one), self.place_m(other)))
+            await self.clock.sleep(0.1)
+
+    @asynccontextmanager
+    async def watched(self) -> AsyncIterator[None]:
+        watching = asyncio.create_task(self._watch())
+        yield
+        watching.cancel()
+
+
+@asynccontextmanager
+async def team_of(
+    path: str, starts_m: Mapping[int, tuple[float, float]] = {}, system_ids: Mapping[int, int] = {}
+) -> AsyncIterator[Team]:
+    """Serve a mission's vehicles; some stand elsewhere, or have another system id than the mission says."""
+    mission = load_mission(path)
+    configs = [
+        replace(
+            each,
+            parameters=HOLDS if each.autopilot == "px4" else {},
+            start_position_m=starts_m.get(each.vehicle_id, each.start_position_m),
+            vehicle_id=system_ids.get(each.vehicle_id, each.vehicle_id),
+        )
+        for each in prepared_configs(mission, mission.ids, 1.0)
+    ]
+    async with served(configs, FAST) as stubs:
+        yield Team(path, mission, stubs)
+
+
+async def kill_in_mid_ring(team: Team) -> None:
+    """Fly the mission, and kill supervisor and flying process while the vehicles encircle.
+
+    Until then a flight runs, and its vehicles are not taken from it.
+    """
+    async with running("fly", team.path, "--no-log") as flight:
+        flown = team.vehicles.values()
+        await until(lambda: any(each.armed for each in flown), waiting_for="a take-off")
+        with hurried(team.clock):
+            await until(
+                lambda: all(each.mode is NavMode.OFFBOARD for each in flown), 300.0, "offboard", clock=team.clock
+            )
+            await team.clock.sleep(45.0)
+        code, said = await recovered(team)
+        assert code == 3, said
+        assert "still runs" in said
+        assert "cordon command" in said
+        assert all(each.mode is NavMode.OFFBOARD for each in flown)
+        kill_whole(flight.pid)
+    await until(lambda: team.vehicles[1].mode is NavMode.HOLD, 30.0, "the autopilots' failsafe", clock=team.clock)
+
+
+def kill_whole(supervisor: int) -> None:
+    """Kill the supervisor of a flight, and at once its flying process."""
+    flying = [each for each in psutil.Process(supervisor).children() if "fly" in each.cmdline()]
+    assert len(flying) == 1
+    for process_id in (supervisor, flying[0].pid):
+        os.kill(process_id, signal.SIGKILL)
+
+
+async def recovered(team: Team, *options: str, path: str = "", log: str = "") -> tuple[int, str]:
+    """Recover the team; return the exit code and what was said."""
+    arguments = (path or team.path, "--yes", *(("--log", log) if log else ("--no-log",)), *options)
+    async with asyncio.timeout(PATIENCE_S), running("recover", *arguments) as process:
+        out, err = await process.communicate()
+    assert out == b""
+    assert process.returncode is not None
+    assert "Traceback" not in err.decode(), err.decode()
+    return process.returncode, err.decode()
+
+
+@pytest.mark.long
+async def test_a_team_whose_flight_was_killed_in_mid_ring_comes_home(mission_file: Callable[..., str]) -> None:
+    async with team_of(mission_file("case2", *ON_RING)) as team:
+        await kill_in_mid_ring(team)
+        assert team.aloft == {1, 2, 3}
+        assert min(map(team.off_start_m, (1, 2, 3))) > 2.0, "they are on the ring"
+        began_s = team.clock.now_s()
+        async with team.watched():
+            code, said = await recovered(team)
+        took_s = team.clock.now_s() - began_s
+        print(f"MEASURED ring: least distance {team.least_m:.2f} m, {took_s:.0f} s from the command to the end")
+        assert code == 0, said
+        assert not team.aloft
+        assert max(map(team.off_start_m, (1, 2, 3))) < HOME_M
+        assert team.least_m >= team.mission.safety.separation_m
+
+
+async def take_off(team: Team, heights_m: Mapping[int, float]) -> None:
+    """Let vehicles hover above the places where they stand, as another ground station left them."""
+    await until(lambda: all(each.armable for each in team.vehicles.values()), 10.0, "positions", clock=team.clock)
+    for i, height_m in heights_m.items():
+        team.vehicles[i].arm()
+        team.vehicles[i].take_off(height_m)
+    with hurried(team.clock):
+        await until(
+            lambda: all(team.vehicles[i].mode is NavMode.HOLD for i in heights_m), 60.0, "hovering", clock=team.clock
+        )
+
+
+def setpoints(team: Team) -> dict[int, int]:
+    """Return how many setpoints each vehicle has received."""
+    return {i: stub.setpoints for i, stub in team.stubs.stubs.items()}
+
+
+async def test_a_pilot_keeps_his_vehicle_and_one_that_fell_is_reported(
+    mission_file: Callable[..., str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The pilot hovers on the way home of the one that is brought home, at the height at which it flies."""
+    monkeypatch.setattr("sitl.autopilot.guidance.NEEDS_STICKS", frozenset())  # its pilot holds it where it is
+    path, places_m = mission_file("case2", *UNLIKE), {1: (10.0, -3.4), 2: (60.0, 20.0), 3: (20.0, -4.0)}
+    async with team_of(path, starts_m=places_m) as team:
+        await take_off(team, {1: 15.5, 3: 8.0})
+        team.vehicles[1]._intention.mode = NavMode.POSITION
+        place_m = team.place_m(1)
+        async with team.watched():
+            code, said = await recovered(team)
+        print(f"MEASURED pilot: least distance {team.least_m:.2f} m")
+        assert code == 4, said
+        assert team.aloft == {1}
+        assert team.vehicles[1].mode is NavMode.POSITION
+        assert dist(team.place_m(1), place_m) < 0.3
+        assert setpoints(team)[1] == setpoints(team)[2] == 0
+        assert not team.vehicles[3].armed
+        assert team.off_start_m(3) < HOME_M
+        assert team.least_m >= team.mission.safety.separation_m
+    words = " ".join(said.split())
+    assert "warning vehicle 1 it is in the air in mode other" in words
+    assert "--take-from-pilot 1" in words
+    assert "warning vehicle 2 it is disarmed, 63.2 m from its start" in words
+    assert "Handed over, not landed by cordon: vehicle 1" in words
+
+
+async def test_a_vehicle_is_taken_from_its_pilot_at_the_word_and_a_silent_one_is_left(
+    mission_file: Callable[..., str], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    """The log of it is replayed bit for bit."""
+    monkeypatch.setattr("sitl.autopilot.guidance.NEEDS_STICKS", frozenset())
+    path, places_m = mission_file("case2", *UNLIKE), {1: (10.0, 6.0), 2: (20.0, 0.0)}
+    async with team_of(path, starts_m=places_m) as team:
+        await take_off(team, {1: 8.0, 2: 8.0})
+        team.vehicles[2]._intention.mode = NavMode.POSITION
+        team.stubs.stubs[3].faults.link_cut = True
+        code, said = await recovered(team, "--take-from-pilot", "2", "--land", log=str(tmp_path / "home.mcap"))
+        assert code == 0, said
+        assert not team.aloft
+        assert {i: dist(team.place_m(i)[:2], place_m) < 1.0 for i, place_m in places_m.items()} == {1: True, 2: True}
+    words = " ".join(said.split())
+    assert "warning vehicle 3 it is not received: no heartbeat" in words
+    assert "Landed and disarmed" in words
+    async with running("replay", str(tmp_path / "home.mcap")) as replay:
+        out, err = await replay.communicate()
+        assert replay.returncode == 0, err.decode()
+        assert b"compared bit for bit" in out + err
+
+
+async def test_nothing_is_sent_while_one_must_not_be_taken_and_the_others_come_home_without_it(
+    mission_file: Callable[..., str], subtests: pytest.Subtests
+) -> None:
+    """One is armed on the ground, and a vehicle with another system id is at the url of one of the team's."""
+    path, places_m = mission_file("case2", *UNLIKE), {1: (15.0, 3.0)}
+    async with team_of(path, starts_m=places_m, system_ids={3: 7}) as team:
+        assert team.vehicles[2].parameters.set("COM_DISARM_PRFLT", 600.0)
+        await take_off(team, {1: 8.0, 7: 9.0})
+        team.vehicles[2].arm()
+        modes = {i: each.mode for i, each in team.vehicles.items()}
+        with subtests.test("refused, and nothing was sent"):
+            code, said = await recovered(team)
+            words = " ".join(said.split())
+            assert code == 3, said
+            assert "refuse vehicle 2 it is armed on the ground" in words
+            assert "carries system id 7, not 3" in words
+            assert "nothing was sent to the vehicles: vehicles 2 and 3 must not be taken" in words
+            assert {i: each.mode for i, each in team.vehicles.items()} == modes
+            assert set(setpoints(team).values()) == {0}
+        with subtests.test("the other one comes home without them"):
+            code, said = await recovered(team, "--leave", "2", "--leave", "3")
+            assert code == 0, said
+            assert team.aloft == {7}
+            assert team.off_start_m(1) < HOME_M
+            assert team.vehicles[2].armed
+            assert setpoints(team)[2] == setpoints(team)[7] == 0
+
+
+async def test_two_interrupts_land_the_vehicles_where_they_are(mission_file: Callable[..., str]) -> None:
+    path, places_m = mission_file("case2", *UNLIKE), {1: (25.0, 6.0), 2: (25.0, 0.0), 3: (25.0, -6.0)}
+    async with team_of(path, starts_m=places_m) as team:
+        heights_m = {1: 8.0, 2: 11.0, 3: 9.5}
+        await take_off(team, heights_m)
+        team.clock.set_speed(1.0)
+        async with asyncio.timeout(PATIENCE_S), running("recover", path, "--yes", "--no-log") as process:
+            flown = team.vehicles.values()
+            await until(lambda: all(each.mode is NavMode.OFFBOARD for each in flown), waiting_for="offboard")
+            process.send_signal(signal.SIGINT)
+            await team.clock.sleep(0.5)
+            assert all(each.mode is NavMode.OFFBOARD for each in flown), "they hold first"
+            assert all(abs(team.place_m(i)[2] - height_m) < 0.3 for i, height_m in heights_m.items())
+            process.send_signal(signal.SIGINT)
+            team.clock.set_speed(FAST)
+            _, err = await process.communicate()
+        assert process.returncode == 4, err.decode()
+        assert not team.aloft
+        assert {i: dist(team.place_m(i)[:2], place_m) < 1.0 for i, place_m in places_m.items()} == dict.fromkeys(
+            places_m, True
+        )
+
+
+async def test_another_computer_with_the_teams_keys_brings_them_home_once_no_flight_runs(
+    mission_file: Callable[..., str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The other computer is a process with files, keys and a runtime directory of its own."""
+    first = "[target]\n"
+    secured = mission_file("case2", *UNLIKE, (first, f'[network]\nsecurity = {{ keys = "keys" }}\n\n{first}'))
+    keys = AuthorityFolder(tmp_path / "keys")
+    keys.init(10.0)
+    for each in "123":
+        keys.issue("vehicle", each, 1.0)
+    keys.issue("operator", "anna", 1.0)
+    laptop = tmp_path / "laptop"
+    (laptop / "run").mkdir(parents=True, mode=0o700)
+    shutil.copytree(keys.path, laptop / "keys")
+    path = str(shutil.copy(secured, laptop))
+    async with team_of(secured) as team:
+        async with running("fly", secured, "--no-log") as flight:
+            await until(lambda: team.vehicles[1].armed, waiting_for="a take-off")
+            with hurried(team.clock):
+                await until(lambda: team.vehicles[1].mode is NavMode.OFFBOARD, 60.0, "offboard", clock=team.clock)
+                await team.clock.sleep(60.0)
+            monkeypatch.setenv("XDG_RUNTIME_DIR", str(laptop / "run"))
+            code, said = await recovered(team, path=path)
+            assert code == 3, said
+            assert "still runs: vehicles 1, 2 and 3 reported on its bus" in said
+            assert all(each.mode is NavMode.OFFBOARD for each in team.vehicles.values())
+            kill_whole(flight.pid)
+        await until(lambda: team.vehicles[1].mode is NavMode.HOLD, 30.0, "the autopilots' failsafe", clock=team.clock)
+        assert min(map(team.off_start_m, (1, 2, 3))) > 5.0
+        async with team.watched():
+            code, said = await recovered(team, path=path)
+        assert code == 0, said
+        assert max(map(team.off_start_m, (1, 2, 3))) < HOME_M
+        assert team.least_m >= team.mission.safety.separation_m
+
+
+async def test_on_a_terminal_it_asks_once_and_does_nothing_without_a_yes(mission_file: Callable[..., str]) -> None:
+    path, places_m = mission_file("case2", *UNLIKE), {1: (15.0, 3.0)}
+    async with team_of(path, starts_m=places_m) as team:
+        await take_off(team, {1: 8.0})
+        for answer, code in ((b"n\n", 3), (b"\x03", 3), (b"y\n", 0)):
+            with terminal() as (here, there, shown):
+                process = await asyncio.create_subprocess_exec(
+                    *(sys.executable, "-m", "gcs", "recover", path, "--no-log", "--land"),
+                    stdin=there,
+                    stdout=there,
+                    stderr=there,
+                    env={**os.environ, "TERM": "xterm", "COLUMNS": "200"},
+                    start_new_session=True,
+                    preexec_fn=take_terminal,
+                )
+                await until(lambda: b"[y/N]" in shown, waiting_for="the question")
+                assert team.vehicles[1].mode is NavMode.HOLD
+                os.write(here, answer)
+                async with asyncio.timeout(PATIENCE_S):
+                    assert await process.wait() == code, shown.decode()
+            assert "Take vehicle 1 of case2, hold, and land where they are?" in " ".join(shown.decode().split())
+            assert (setpoints(team)[1] > 0) == (code == 0)
+        assert not team.vehicles[1].armed
+        assert dist(team.place_m(1)[:2], places_m[1]) < 1.0
