@@ -2,9 +2,10 @@
 
 import asyncio
 import re
-from collections.abc import AsyncIterator, Callable, Collection, Mapping, Sequence
+from collections.abc import AsyncIterator, Callable, Collection, Iterable, Mapping, Sequence
 from contextlib import suppress
 from functools import cached_property, partial
+from inspect import iscoroutinefunction
 from itertools import count
 from math import inf
 from os import getpid
@@ -70,7 +71,7 @@ class LiveFlight:
         self._numbers = count()
         self._record: FlightRecord | None = None
         self._error: InputError | VehicleRefusedError | None = None
-        self._begun = self._is_known = self._over = False
+        self._begun = self._over = False
         self._changed = asyncio.Event()
 
     @property
@@ -108,7 +109,7 @@ class LiveFlight:
         VehicleRefusedError if the flight ends before, and InputError.
         """
         holds = self._tactic_condition(condition, vehicles) if isinstance(condition, str) else condition
-        if not callable(holds):
+        if not _is_condition(holds):
             raise InputError([f"condition: {condition!r}: give the name of a tactic, or a function without arguments"])
         if faults := range_faults("within_s", within_s, 0.0, inf):
             raise InputError(faults)
@@ -153,6 +154,7 @@ class LiveFlight:
 
         Their `time_s` is that since the mission's start, NaN before it is known.
         """
+        self._running()
         for at in count():
             while at >= len(self._events):
                 if self._over:
@@ -167,6 +169,7 @@ class LiveFlight:
 
     async def complete(self) -> FlightResult:
         """Wait until the flight is over; return its result. Raises VehicleRefusedError if there is none."""
+        self._running()
         while not self._over:
             await self._change()
         return self.result
@@ -222,16 +225,25 @@ class LiveFlight:
             case Answers():
                 self._answers[message.number] = message
             case Over(record):
-                self._record, self._is_known = record, True
-            case Failed(error) if not self._is_known:  # of a flight that is over the supervisor tells who is missing
-                self._error, self._is_known = error, True
-            case None:
+                self._record, self._over = record, True
+            case Failed(error) if not self._over:  # of a flight that is over the supervisor tells who is missing
+                self._error = as_arguments(error) if isinstance(error, InputError) else error
                 self._over = True
+            case None if not self._over:
+                self._error, self._over = self._lost(), True
         self._changed.set()
 
     async def _change(self) -> None:
         self._changed.clear()
         await self._changed.wait()
+
+    def _lost(self) -> VehicleRefusedError:
+        """Return the error of a flight whose process and supervisor have ended without a word."""
+        if not self._begun:
+            why = "the flying process ended before the vehicles took off"
+            return VehicleRefusedError(why, "see its output on standard error")
+        why = f"the flying process and its supervisor ended in flight: {self._states()}"
+        return VehicleRefusedError(why, "only the autopilots control the vehicles now: run `cordon recover`")
 
     def _running(self) -> FlyingProcess:
         if self._process is None:
@@ -262,7 +274,7 @@ class LiveFlight:
         known = next((each for each in verbs if each == verb), None)
         if known is None:
             raise InputError([f"verb: there is no {verb!r} (verbs: {', '.join(verbs)})"])
-        texts = [*map(str, arguments), *(f"{name}={value!r}" for name, value in values.items())]
+        texts = [*map(str, arguments), *(f"{name}={value}" for name, value in values.items())]
         vehicle: int | None = None
         if not VERBS[known].takes and len(texts) == 1:
             if texts[0] not in map(str, self.mission.ids):
@@ -313,9 +325,11 @@ def fly(
     mission = mission if isinstance(mission, Mission) else load(mission)
     problems = [*security_faults(mission), *only_simulated(mission)]
     chosen = _stub_ids(mission, stubs, problems)
-    problems += range_faults("speed", speed, 0.1, inf) + range_faults("duration_s", duration_s, 1e-3, 1e6)
-    problems += range_faults("wait_s", wait_s, 0.0, 3600.0)
-    if isinstance(faults, str) or not all(isinstance(each, str) for each in faults):
+    problems += [] if speed is None else range_faults("speed", speed, 0.1, inf)
+    problems += [] if duration_s is None else range_faults("duration_s", duration_s, 1e-3, 1e6)
+    problems += [*range_faults("wait_s", wait_s, 0.0, 3600.0), *_log_faults(log)]
+    texts = _texts(faults)
+    if texts is None:
         problems.append(f'faults: give a list of texts, such as ["link-cut@120:2"] (given: {faults!r})')
     if problems:
         raise InputError(problems)
@@ -324,7 +338,7 @@ def fly(
         stubs=chosen,
         speed=None if speed is None else float(speed),
         duration_s=None if duration_s is None else float(duration_s),
-        faults=tuple(faults),
+        faults=texts or (),
         wait_s=float(wait_s),
         allow_plugins=allow_plugins,
     )
@@ -344,6 +358,8 @@ async def flown_on_stubs(
     `named` are arguments of `fly`. Raises InputError and VehicleRefusedError.
     """
     mission = on_own_ports(mission if isinstance(mission, Mission) else load(mission))
+    if "stubs" in named:
+        raise InputError(["stubs: all vehicles are stubs here; leave this argument out"])
     duration_s = named.get("duration_s") or mission.mission.duration_s
     due = SimulatedEvents(mission, commands, duration_s=duration_s).commands
     async with fly(mission, stubs=True, **named) as flight:
@@ -359,23 +375,48 @@ def _is_reached(flight: LiveFlight, time_s: float) -> bool:
 
 def on_own_ports(mission: Mission) -> Mission:
     """Return the mission as a team of its own: with vehicles and a bus at ports that no other process of cordon has."""
-    ports = iter(free_ports(2 * len(mission.ids)))
+    first, *_ = found = free_ports(2 * len(mission.ids))
+    ports = iter(found)
     vehicles = {
         each: {"url": f"udpin://127.0.0.1:{next(ports)}", "endpoint": f"tcp/127.0.0.1:{next(ports)}"}
         for each in mission.ids
     }
-    return mission.replace(vehicles=vehicles, network={"team": f"{mission.network.team}-{getpid()}"})
+    return mission.replace(vehicles=vehicles, network={"team": f"{mission.network.team}-{first}"})
 
 
 def _stub_ids(mission: Mission, stubs: object, problems: list[str]) -> tuple[int, ...]:
     if isinstance(stubs, bool):
         return mission.ids if stubs else ()
     ids = tuple(stubs) if isinstance(stubs, Collection) and not isinstance(stubs, str) else None
-    if ids is None or len({*ids}) < len(ids) or not {*ids} <= {*mission.ids}:
+    if ids is None or not all(map(is_whole, ids)) or len({*ids}) < len(ids) or not {*ids} <= {*mission.ids}:
         known = ", ".join(map(str, mission.ids))
         problems.append(f"stubs: give True, or ids of the mission's vehicles, {known} (given: {stubs!r})")
         return ()
     return ids
+
+
+def _is_condition(given: object) -> bool:
+    return callable(given) and not iscoroutinefunction(given)
+
+
+def _texts(given: object) -> tuple[str, ...] | None:
+    """Return texts; None for anything else, such as a single one."""
+    if isinstance(given, str) or not isinstance(given, Iterable):
+        return None
+    texts = tuple(given)
+    return texts if all(isinstance(each, str) for each in texts) else None
+
+
+def _log_faults(log: object) -> list[str]:
+    """Return why a log cannot be written, as far as that is seen before the flight."""
+    if log is None:
+        return []
+    if not isinstance(log, str | Path) or not Path(log).name or "\0" in str(log):
+        return [f"log: give the path of a new file (given: {log!r})"]
+    if Path(log).exists():
+        return [f"log: {str(log)!r} exists already, and is not overwritten; name another"]
+    folder = Path(log).absolute().parent
+    return [] if folder.is_dir() else [f"log: {str(log)!r}: there is no folder {str(folder)!r}"]
 
 
 def as_arguments(error: InputError) -> InputError:

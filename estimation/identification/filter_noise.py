@@ -51,8 +51,14 @@ class FilterNoise:
     innovation: float
 
 
-def filter_noise_of(excerpts: Sequence[Excerpt], best: Fit, plant: Plant) -> FilterNoise | None:
-    """Return the settings; None if the flights have no reported velocities."""
+def filter_noise_of(
+    excerpts: Sequence[Excerpt], best: Fit, plant: Plant, damping_doubt_per_s: float
+) -> FilterNoise | None:
+    """Return the settings; None if the flights have no reported velocities.
+
+    `damping_doubt_per_s` is half the width of the interval of a1. At the speeds flown it acts as a disturbance, for
+    which the bound leaves room beside that for a wind.
+    """
     flights = [_flight(excerpt, best, plant) for excerpt in excerpts if excerpt.reported_m_s is not None]
     if not flights:
         return None
@@ -61,12 +67,14 @@ def filter_noise_of(excerpts: Sequence[Excerpt], best: Fit, plant: Plant) -> Fil
     tried = [_Tried.of(flights, plant, (position_m, velocity_m_s), float(walk)) for walk in _WALKS_M_S2]
     least_m = min(each.predicted_rms_m for each in tried)
     chosen = next(each for each in tried if each.predicted_rms_m <= _NEAR_BEST * least_m)
-    low, high = _MAX_RANGE_M_S2
+    fast_m_s = float(np.quantile(np.abs(np.concatenate([each.velocity_m_s for each in flights])), _MAX_QUANTILE))
+    least_m_s2, most_m_s2 = _MAX_RANGE_M_S2
+    room_m_s2 = max(_MAX_RESERVE * chosen.disturbance_m_s2, least_m_s2 + damping_doubt_per_s * fast_m_s)
     return FilterNoise(
         position_noise_m=position_m,
         velocity_noise_m_s=velocity_m_s,
         disturbance_noise_m_s2=chosen.walk_m_s2,
-        disturbance_max_m_s2=min(max(_MAX_RESERVE * chosen.disturbance_m_s2, low), high),
+        disturbance_max_m_s2=min(room_m_s2, most_m_s2),
         predicted_rms_m=chosen.predicted_rms_m,
         innovation=chosen.innovation,
     )

@@ -261,7 +261,8 @@ def _result(parts: _Parts) -> IdentificationResult:
         delay_spread_s=delay_spread_s(parts.excerpts, best),
         feedforward=_gain(best) if best.model.feedforward else None,
     )
-    found = replace(found, noise=filter_noise_of(parts.excerpts, best, found.plant))
+    damping_doubt_per_s = max((each.a1_per_s.high - each.a1_per_s.low) / 2.0 for each in found.axes)
+    found = replace(found, noise=filter_noise_of(parts.excerpts, best, found.plant, damping_doubt_per_s))
     verdict, reasons = graded(found, unbounded_s, float(half[4]) / 2.0)
     duration_s = sum(excerpt.duration_s for excerpt in parts.excerpts)
     return IdentificationResult(verdict, reasons, duration_s, len(parts.excerpts), found)

@@ -22,6 +22,7 @@ from gcs.mission.planner import ChosenPlanner
 from gcs.viewer.origin_gate import Address
 from gcs.viewer.scene import Scene
 
+_TRIES = 10
 FOLDER_VARIABLE = "CORDON_LOGS"
 """The environment variable that names the folder of logs, in place of the default."""
 
@@ -90,12 +91,18 @@ def _recorded(request: LogRequest, options: RecordingOptions) -> LogProcess | No
     if request.path is not None:
         with log_input_errors(request.path, "--log"):
             return LogProcess(request)
-    try:
-        path = default_path(request.mission.mission.name, options.only, datetime.now())
-        return LogProcess(request._replace(path=path))
-    except OSError as error:
-        print_line(f"this flight is not recorded: {error}", "yellow")
-        return None
+    error: OSError | None = None
+    for _ in range(_TRIES):
+        try:
+            path = default_path(request.mission.mission.name, options.only, datetime.now())
+            return LogProcess(request._replace(path=path))
+        except FileExistsError as taken:  # another flight began in this moment
+            error = taken
+        except OSError as failed:
+            error = failed
+            break
+    print_line(f"this flight is not recorded: {error}", "yellow")
+    return None
 
 
 def _report_address(address: Address) -> None:

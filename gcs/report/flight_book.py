@@ -147,7 +147,7 @@ def read_book(logs: Sequence[Path], progress: Progress, *, with_verdicts: bool =
             flights.append(_judged(path) if with_verdicts else booked(read_kinds(path, KINDS)))
         except LogError as error:
             unread.append(UnreadLog(path.name, error.faults[0].removeprefix(f"{path}: ")))
-    flights.sort(key=lambda each: (each.began_s, each.log))
+    flights.sort(key=lambda each: (each.began_s, each.is_damaged, each.log))  # a damaged log is the copy
     return FlightBook(tuple(_with_copies(flights)), tuple(unread))
 
 

@@ -11,6 +11,7 @@ from contextlib import contextmanager
 from math import dist
 from pathlib import Path
 
+import numpy as np
 import psutil
 import pytest
 
@@ -46,7 +47,7 @@ async def test_a_program_sees_and_commands_a_flight_to_its_end(tmp_path: Path) -
         await flight.until(lambda: flight.vehicles[2].tactic == "hold", within_s=5.0)
         resumed = await flight.command("resume", 2)
         await flight.until("encircle", within_s=30.0)
-        widened = await flight.command("ring", radius=11.0)
+        widened = await flight.command("ring", radius=np.float64(11.0))
         with pytest.raises(cordon.InputError, match="radius"):
             await flight.command("ring", radius=80.0)
         result = await flight.complete()
@@ -118,6 +119,42 @@ async def test_a_flight_whose_process_is_killed_is_lost(tmp_path: Path) -> None:
 
     with pytest.raises(cordon.VehicleRefusedError, match="ended by signal 9 before its vehicles had landed"):
         await killed()
+
+
+async def test_a_flight_whose_process_and_supervisor_are_killed_is_lost(tmp_path: Path) -> None:
+    flight = flight_of(ring_mission(), tmp_path, 600.0)
+
+    async def killed() -> None:
+        async with flight:
+            await flight.until("encircle", within_s=60.0)
+            for each in processes():
+                each.kill()
+            await flight.complete()
+
+    with pytest.raises(
+        cordon.VehicleRefusedError, match="the flying process and its supervisor ended in flight"
+    ) as lost:
+        await killed()
+    assert "cordon recover" in lost.value.next_step
+
+
+async def test_a_process_that_is_killed_before_take_off_begins_no_flight(tmp_path: Path) -> None:
+    async def kill() -> None:
+        while len(processes()) < 2:
+            await asyncio.sleep(0.01)
+        processes()[-1].kill()
+
+    killing = asyncio.create_task(kill())
+    with pytest.raises(cordon.VehicleRefusedError, match="ended before the vehicles took off"):
+        async with flight_of(ring_mission(), tmp_path):
+            pass
+    await killing
+
+
+def processes() -> list[psutil.Process]:
+    """Return the supervisor and the flying process of this program's flight, as far as they run."""
+    children = psutil.Process().children(recursive=True)
+    return [each for each in children if "gcs.flight.live_program" in _arguments(each)]
 
 
 PROGRAM = """
@@ -253,6 +290,12 @@ def test_a_program_that_computes_keeps_no_vehicle_waiting(tmp_path: Path) -> Non
             {"faults": "link-cut@10"},
             "faults: give a list of texts, such as [\"link-cut@120:2\"] (given: 'link-cut@10')",
         ),
+        ({"faults": None}, "faults: give a list of texts"),
+        ({"stubs": [[1]]}, "stubs: give True, or ids of the mission's vehicles"),
+        ({"log": "/nowhere/x.mcap"}, "log: '/nowhere/x.mcap': there is no folder '/nowhere'"),
+        ({"log": 1}, "log: give the path of a new file (given: 1)"),
+        ({"wait_s": None}, "wait_s: it must be a number from 0 to 3600 (given: None)"),
+        ({"speed": 10**400}, "speed: it must be a number from 0.1 to inf (given: 1000"),
         ({"stubs": True, "faults": ["link-cut"]}, "faults: 'link-cut' is not NAME@SECONDS or NAME@SECONDS:VEHICLE"),
     ],
 )
@@ -262,12 +305,20 @@ def test_bad_arguments_are_named(named: dict[str, object], fault: str) -> None:
     assert raised.value.faults[0].startswith(fault)
 
 
-async def test_a_log_that_exists_is_not_overwritten(tmp_path: Path) -> None:
+def test_faults_may_come_from_a_generator() -> None:
+    with pytest.raises(cordon.InputError, match="nothing"):
+        cordon.fly("case2", stubs=True, faults=(each for each in ["nothing@5"]))  # type: ignore[arg-type]
+
+
+def test_a_log_that_exists_is_not_overwritten(tmp_path: Path) -> None:
     (tmp_path / "flight.mcap").write_text("precious")
     with pytest.raises(cordon.InputError, match=r"log: .*exists already"):
-        async with flight_of(ring_mission(), tmp_path):
-            pass
+        flight_of(ring_mission(), tmp_path)
     assert (tmp_path / "flight.mcap").read_text() == "precious"
+
+
+async def _never() -> bool:
+    return False
 
 
 async def test_bad_orders_are_named_and_change_nothing() -> None:
@@ -276,6 +327,7 @@ async def test_bad_orders_are_named_and_change_nothing() -> None:
         (flight.until("encirlce"), "condition: there is no tactic 'encirlce'"),
         (flight.until("encircle", vehicles=4), "vehicles: it must be from 1 to 3"),
         (flight.until("encircle", within_s=-1.0), "within_s: it must be a number"),
+        (flight.until(_never), "condition: <function _never"),  # type: ignore[arg-type]
         (flight.command("fly"), "verb: there is no 'fly'"),
         (flight.command("hold", 7), "vehicle: the mission has no vehicle 7"),
         (flight.command("ring"), "ring: give radius=METRES"),
@@ -283,8 +335,9 @@ async def test_bad_orders_are_named_and_change_nothing() -> None:
     ):
         with pytest.raises(cordon.InputError, match=fault):
             await wrong
-    with pytest.raises(cordon.VehicleRefusedError, match="the flight has not begun"):
-        await flight.command("hold")
+    for early in (flight.command("hold"), flight.complete(), anext(flight.events())):
+        with pytest.raises(cordon.VehicleRefusedError, match="the flight has not begun"):
+            await early
 
 
 def test_environment_names_no_program() -> None:

@@ -131,11 +131,12 @@ class ProgramLink:
             ring_number=given.ring_number,
         )
         began_s = monotonic()
-        answers: dict[int, CommandResult | None] = {each.vehicle.id: None for each in flying}
+        asked_ids = [each.vehicle.id for each in flying] if given.vehicle is None else [given.vehicle]
+        answers: dict[int, CommandResult | None] = dict.fromkeys(asked_ids)
         for each in flying:
             each.agent.obey(command)
         end_s = began_s + (_DONE_TIMEOUT_S if row.done else _ANSWER_TIMEOUT_S)
-        while monotonic() < end_s and not all(each and each.is_final for each in answers.values()):
+        while monotonic() < end_s and flying and not all(each and each.is_final for each in answers.values()):
             await asyncio.sleep(_POLL_S)
             for each in flying:
                 answer, before = each.agent.answer(command.key), answers[each.vehicle.id]

@@ -24,7 +24,8 @@ class FlyingProcess:
 
     def __init__(self, request: LiveRequest, on_message: Callable[[Message | None], None]) -> None:
         self._connection, theirs = Pipe()
-        path = os.pathsep.join(each or str(Path.cwd()) for each in sys.path)  # that of the program's own modules, too
+        # The path of the program's own modules, too; Python ignores what is no text there.
+        path = os.pathsep.join(str(each) or str(Path.cwd()) for each in sys.path)
         # A table and keys on the program's terminal are not wanted: "dumb" makes them lines of text.
         environment = {**os.environ, PROGRAM_VARIABLE: str(theirs.fileno()), "PYTHONPATH": path, "TERM": "dumb"}
         environment.pop(HEARTBEAT_VARIABLE, None)
