@@ -13,7 +13,8 @@ def test_three_vehicles_fly_to_their_places_and_land(cordon_stubs):
     heights_m, closest_m = [], []
 
     async def scenario():
-        flights = [asyncio.create_task(fly(vehicle.url, 4.0, vehicle.id, 5.0)) for vehicle in team]
+        # They stand in a line to the north, and fly east: they keep apart whoever is first.
+        flights = [asyncio.create_task(fly(vehicle.url, 0.0, 3.0 + vehicle.id, 5.0)) for vehicle in team]
 
         def all_landed():
             places_m = [vehicle.truth().position_m for vehicle in team]
@@ -29,7 +30,7 @@ def test_three_vehicles_fly_to_their_places_and_land(cordon_stubs):
     for vehicle in team:
         state = vehicle.truth()
         assert not state.armed
-        assert state.ned_m == pytest.approx((4.0, vehicle.id, 0.0), abs=0.5)
+        assert state.ned_m == pytest.approx((0.0, 3.0 + vehicle.id, 0.0), abs=0.5)
 
 
 def test_a_vehicle_whose_link_is_cut_returns(cordon_stubs):
