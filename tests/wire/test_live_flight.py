@@ -22,16 +22,12 @@ from tests.support.wire import PATIENCE_S, until_now
 
 pytestmark = pytest.mark.wire
 
-RADIUS_M = 8.0
+NEAR = {"target.start_m": [10.0, 0.0], "target.velocity_m_s": [0.0, 0.0], "encirclement.radius_m": 8.0}
 
 
 def ring_mission() -> cordon.Mission:
     """Return a mission of three vehicles that begin near their ring, with plants unlike their profiles'."""
-    mission = cordon.load(
-        "case2-field",
-        {"target.start_m": [10.0, 0.0], "target.velocity_m_s": [0.0, 0.0], "encirclement.radius_m": RADIUS_M},
-    )
-    return on_own_ports(mission)
+    return on_own_ports(cordon.load("case2-field", NEAR))
 
 
 def flight_of(mission: cordon.Mission, folder: Path, duration_s: float = 90.0, **named: object) -> cordon.LiveFlight:
@@ -161,26 +157,23 @@ PROGRAM = """
 import asyncio, os, sys, time
 import cordon
 from cordon.live_flight import on_own_ports
-from tests.wire.test_live_flight import flight_of, ring_mission
-from pathlib import Path
 
 async def main():
-    async with flight_of(ring_mission(), Path(sys.argv[1]), 600.0) as flight:
+    mission = on_own_ports(cordon.load("case2-field", {near}))
+    async with cordon.fly(mission, stubs=True, speed=20.0, duration_s=600.0, log=sys.argv[1]) as flight:
         await flight.until("encircle", within_s=60.0)
         {in_flight}
         await flight.until("hold")
 
-{before}
 asyncio.run(main())
 """
 READY = "print('ready', flush=True)"
 
 
 @contextmanager
-def program(folder: Path, in_flight: str = READY, before: str = "") -> Iterator["subprocess.Popen[str]"]:
+def program(folder: Path, in_flight: str = READY) -> Iterator["subprocess.Popen[str]"]:
     """Run a program that waits in flight, from the time that it is ready."""
-    text = PROGRAM.format(in_flight=in_flight, before=before)
-    command = [sys.executable, "-c", text, str(folder)]
+    command = [sys.executable, "-c", PROGRAM.format(near=NEAR, in_flight=in_flight), str(folder / "flight.mcap")]
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
         assert process.stdout is not None
         assert process.stdout.readline() == "ready\n", process.communicate()
@@ -191,11 +184,7 @@ def flown(folder: Path) -> cordon.Flight:
     """Return the flight once its log is complete, which its process does last."""
     log = folder / "flight.mcap"
 
-    def complete() -> bool:
-        holders = (each for each in psutil.process_iter() if any(str(log) in part for part in _arguments(each)))
-        return not any(holders) and not _open_by_any(log)
-
-    until_now(complete, "the complete log")
+    until_now(lambda: not _open_by_any(log), "the complete log")
     return cordon.read(log)
 
 

@@ -230,7 +230,7 @@ def test_the_digests_of_one_ring_are_those_of_earlier_versions(subtests: pytest.
         ("case2", "a76d891e22f59cc8"),
         ("case3-turns", "8928afc6faf1e5ce"),
         ("evader", "fae978618be39dde"),
-        ("mixed-team", "bfbb7b9a4d148f20"),
+        ("px4-trio", "17da82879c94db73"),
     ):
         with subtests.test(name):
             identity = load_mission(name).identity
