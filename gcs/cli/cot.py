@@ -1,6 +1,5 @@
 """`cordon cot`: a running team on the maps of TAK and others by Cursor-on-Target, and a target from them."""
 
-import asyncio
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -8,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 from cyclopts import Parameter
 from cyclopts.validators import Number
 
+from gcs.cli.gateway import require_target, run_gateway
 from gcs.cli.options import Changes, KeyName, RunningMission, Share, bus_mission, only_file
 from gcs.errors import Exit, InputError
 from gcs.signals import hold_back
@@ -77,35 +77,21 @@ def cot(options: CotOptions = _DEFAULTS) -> Exit:
     Example: cordon cot my-mission.toml --to udp://239.2.3.1:6969
     """
     hold_back()
-    from agents.ports import VehicleRefusedError
-    from gcs.console.terminal import print_line, print_problem
+    from gcs.console.terminal import print_line
     from gcs.cot.bridge import CotBridge
     from gcs.cot.transport import require_pytak
     from gcs.keys.team_keys import team_keys
-    from gcs.signals import relay
 
     side = _side(options)
     require_pytak()
     mission = bus_mission(options.mission, options.changes)
     tracked = _tracked(options, mission)
 
-    async def run() -> None:
-        stop, loop = asyncio.Event(), asyncio.get_running_loop()
-        relay(lambda: loop.call_soon_threadsafe(stop.set))
+    def make() -> CotBridge:
         sensor = team_keys(mission).identity("sensor", options.key)
-        bridge = CotBridge(mission, sensor, side, tracked, lambda text: print_line(text, "yellow"))
-        print_line(f"gateway between team {mission.network.team} and Cursor-on-Target: Ctrl-C ends it")
-        try:
-            await bridge.run(stop)
-        finally:
-            print_line(bridge.summary)
+        return CotBridge(mission, sensor, side, tracked, lambda text: print_line(text, "yellow"))
 
-    try:
-        asyncio.run(run())
-    except VehicleRefusedError as refusal:
-        print_problem(refusal.reason, refusal.next_step)
-        return Exit.REFUSED
-    return Exit.HOLDS
+    return run_gateway(make, f"gateway between team {mission.network.team} and Cursor-on-Target")
 
 
 def _side(options: CotOptions) -> "CotSide":
@@ -139,10 +125,7 @@ def _tracked(options: CotOptions, mission: "Mission") -> "TrackedTarget | None":
     if (options.track is None) != (options.source is None):
         named = "--track: it needs --from" if options.source is None else "--from: name the target's events by --track"
         raise InputError([named])
-    names = [each.name for each in mission.targets]
-    if options.target is not None and options.target not in names:
-        known = f"it has {', '.join(names)}" if names else "it has one: leave the option out"
-        raise InputError([f"--target: {options.target!r} is no target of the mission ({known})"])
+    require_target(mission, options.target)
     if options.track is None:
         return None
     return TrackedTarget(

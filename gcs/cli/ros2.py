@@ -1,6 +1,5 @@
 """`cordon ros2`: a bridge between a running team and the nodes of ROS 2."""
 
-import asyncio
 import os
 from dataclasses import dataclass, field
 from typing import Annotated
@@ -8,6 +7,7 @@ from typing import Annotated
 from cyclopts import Parameter
 from cyclopts.validators import Number
 
+from gcs.cli.gateway import require_target, run_gateway
 from gcs.cli.options import Changes, KeyName, RunningMission, Share, bus_mission
 from gcs.errors import Exit, InputError
 from gcs.signals import hold_back
@@ -52,41 +52,24 @@ def ros2(options: Ros2Options = _DEFAULTS) -> Exit:
     Example: cordon ros2 my-mission.toml --sightings /tracker/pose
     """
     hold_back()
-    from agents.ports import VehicleRefusedError
-    from gcs.console.terminal import print_line, print_problem
+    from gcs.console.terminal import print_line
     from gcs.keys.team_keys import team_keys
     from gcs.ros2.bridge import Bridge, RosSide
     from gcs.ros2.messages import require_rosbags
     from gcs.ros2.rmw_zenoh import topic_of
     from gcs.ros2.sightings import SightingDefaults
-    from gcs.signals import relay
 
     require_rosbags()
     side = RosSide(_endpoint(options.router), _domain(options.domain), topic_of("--sightings", options.sightings))
     mission = bus_mission(options.mission, options.changes)
-    names = [each.name for each in mission.targets]
-    if options.target is not None and options.target not in names:
-        known = f"it has {', '.join(names)}" if names else "it has one: leave the option out"
-        raise InputError([f"--target: {options.target!r} is no target of the mission ({known})"])
+    require_target(mission, options.target)
     defaults = SightingDefaults(options.frame, options.sigma, options.importance, options.threat, options.target)
 
-    async def run() -> None:
-        stop, loop = asyncio.Event(), asyncio.get_running_loop()
-        relay(lambda: loop.call_soon_threadsafe(stop.set))
+    def make() -> Bridge:
         sensor = team_keys(mission).identity("sensor", options.key)
-        bridge = Bridge(mission, sensor, side, defaults, lambda text: print_line(text, "yellow"))
-        print_line(f"bridge between team {mission.network.team} and ROS domain {side.domain}: Ctrl-C ends it")
-        try:
-            await bridge.run(stop)
-        finally:
-            print_line(bridge.summary)
+        return Bridge(mission, sensor, side, defaults, lambda text: print_line(text, "yellow"))
 
-    try:
-        asyncio.run(run())
-    except VehicleRefusedError as refusal:
-        print_problem(refusal.reason, refusal.next_step)
-        return Exit.REFUSED
-    return Exit.HOLDS
+    return run_gateway(make, f"bridge between team {mission.network.team} and ROS domain {side.domain}")
 
 
 def _domain(given: int | None) -> int:

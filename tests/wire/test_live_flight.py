@@ -183,7 +183,6 @@ def program(folder: Path, in_flight: str = READY) -> Iterator["subprocess.Popen[
 def flown(folder: Path) -> cordon.Flight:
     """Return the flight once its log is complete, which its process does last."""
     log = folder / "flight.mcap"
-
     until_now(lambda: not _open_by_any(log), "the complete log")
     return cordon.read(log)
 
