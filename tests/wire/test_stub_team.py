@@ -17,9 +17,11 @@ import numpy as np
 import psutil
 import pytest
 from pymavlink import mavutil
+from pymavlink.dialects.v20 import common as mavlink
 
 import cordon
 from gcs.link.ports import bind_fault
+from sitl.autopilot.airframe import STEP_S
 from tests.support.wire import until_now
 from tests.wire.test_sitl import flown
 
@@ -77,6 +79,11 @@ def test_what_pymavlink_receives_is_the_true_state_in_the_vehicles_own_frame() -
     mission = cordon.load("case2", {"frame.x_bearing_deg": 30.0})
     with cordon.stubs(mission, 2) as team, client(team[1]) as link:
         raised(team, 1)
+        # A message each step: at the default rate, the times of all states may lie between those of the messages.
+        link.recv_match()  # pymavlink knows whom to send to
+        interval = mavlink.MAVLINK_MSG_ID_LOCAL_POSITION_NED, STEP_S * 1e6
+        command = mavlink.MAV_CMD_SET_MESSAGE_INTERVAL
+        link.mav.command_long_send(team[1].system_id, 1, command, 0, *interval, *[0] * 5)
         team[1].goto(8.0, 3.0, 6.0)
         states: list[cordon.TrueState] = []
         received: dict[float, Any] = {}
