@@ -1,0 +1,88 @@
+"""QGroundControl's plans, version 1, with geofences and rally points of version 2.
+
+https://docs.qgroundcontrol.com/master/en/qgc-dev-guide/file_formats/plan.html
+"""
+
+from typing import Final
+
+from gcs.errors import InputError, KeyFault
+from gcs.zones.drawing import (
+    HEIGHT_MAX_M,
+    RADIUS_MAX_M,
+    Degrees,
+    Drawing,
+    DrawnArea,
+    DrawnPoint,
+    collected,
+    degrees_of,
+    ring_of,
+)
+from gcs.zones.json_node import JsonNode, each_of
+
+FILE_TYPE: Final = "Plan"
+_VERSIONS = {"": 1, "geoFence": 2, "rallyPoints": 2}
+_OF_ONE_AREA = 1
+
+
+def plan_drawing(root: JsonNode) -> Drawing:
+    """Return what a plan holds; raises InputError."""
+    parts = {name: root.get(name) if name else root for name in _VERSIONS}
+    collected(lambda name: _require_version(parts[name], _VERSIONS[name]), _VERSIONS)
+    fence, rally = parts["geoFence"], parts["rallyPoints"]
+    faults, areas, points = list[KeyFault](), tuple[DrawnArea, ...](), tuple[DrawnPoint, ...]()
+    try:
+        polygons = [] if fence is None else list(each_of(fence.get("polygons")))
+        circles = [] if fence is None else list(each_of(fence.get("circles")))
+        areas = collected(_area, [*polygons, *circles])
+    except InputError as error:
+        faults += error.placed
+    try:
+        points = collected(_rally_point, each_of(None if rally is None else rally.get("points")))
+    except InputError as error:
+        faults += error.placed
+    if faults:
+        raise InputError(faults)
+    return Drawing("QGroundControl plan", areas, points, tuple(_left_out(root, fence)))
+
+
+def _require_version(part: JsonNode | None, known: int) -> None:
+    if part is None:
+        return
+    version = part["version"]
+    if isinstance(version.value, bool) or version.value != known:
+        step = "next: open it with a present QGroundControl, and save it"
+        raise version.fault(f"only version {known} is read (given: {str(version.value)[:20]}); {step}")
+
+
+def _area(area: JsonNode) -> DrawnArea:
+    _require_version(area, _OF_ONE_AREA)
+    inclusion = area["inclusion"].flag()
+    circle = area.get("circle")
+    if circle is not None:
+        centre = circle["center"]
+        radius_m = circle["radius"].number("a radius in metres", 0.01, RADIUS_MAX_M)
+        return DrawnArea(place=area.place, corners_deg=(_corner(centre),), stay_inside=inclusion, radius_m=radius_m)
+    outline = area["polygon"]
+    corners = ring_of(outline.place, collected(_corner, outline.items()))
+    return DrawnArea(place=area.place, corners_deg=corners, stay_inside=inclusion)
+
+
+def _corner(corner: JsonNode) -> Degrees:
+    latitude, longitude, *_ = corner.items(2)
+    return degrees_of(corner.place, latitude.value, longitude.value)
+
+
+def _rally_point(point: JsonNode) -> DrawnPoint:
+    """Return a rally point; its altitude is above home."""
+    values = point.items(2)
+    altitude = values[2].number("an altitude in metres", -HEIGHT_MAX_M, HEIGHT_MAX_M) if len(values) > 2 else None
+    return DrawnPoint(point.place, _corner(point), altitude_m=altitude)
+
+
+def _left_out(root: JsonNode, fence: JsonNode | None) -> list[str]:
+    mission = root.get("mission")
+    items = [] if mission is None or not isinstance(mission.value, dict) else list(each_of(mission.get("items")))
+    said = [f"{len(items)} mission item{'s' * (len(items) != 1)}"] if items else []
+    if fence is not None and fence.get("breachReturn") is not None:
+        said.append("the fence's breach return point")
+    return said
