@@ -38,6 +38,7 @@ from gcs.mission.mission import (
     VehicleSection,
 )
 from gcs.mission.stability import kept_up
+from gcs.mission.zones import zones_fit
 
 LoadedVehicle = tuple[VehicleSection, Profile]
 
@@ -160,6 +161,7 @@ def _inside_limits(
     yield from altitudes_fit(vehicles, safety, sections.get("choreography"))
     yield from follows_fit(vehicles, safety, ring, target)
     yield from fence_fits(safety, vehicles, ring, target, sections.get("mission"))
+    yield from zones_fit(safety, vehicles, ring, target, sections.get("choreography"))
 
 
 def _exclusive_part(url: str) -> str:
