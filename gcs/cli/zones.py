@@ -10,6 +10,7 @@ from gcs.cli.options import RESULT, Json, loaded_mission, only_file
 from gcs.errors import Exit, InputError
 
 if TYPE_CHECKING:
+    from estimation.frames import MissionFrame
     from gcs.zones.drawing import Drawing
     from gcs.zones.layout import GroundArea, Layout
 
@@ -57,33 +58,19 @@ def import_zones(
 
     Example: cordon zones import field.plan --mission my.toml --out my-field.toml
     """
-    from gcs.cli.output import check_file, print_result, writing
+    from gcs.cli.output import print_result
     from gcs.console.terminal import print_line
-    from gcs.keys.private_files import create
     from gcs.metrics.json_output import json_output
-    from gcs.mission.file import mission_path, mission_text, parse_mission
     from gcs.zones.layout import laid_out, own_frame
     from gcs.zones.reading import read_drawing
-    from gcs.zones.tables import tables_text, with_layout
+    from gcs.zones.tables import tables_text
 
-    if options.out is not None:
-        if options.mission is None:
-            raise InputError(["--out: it needs --mission, which the zones are written into"])
-        check_file("--out", options.out, (".toml",))
-        if options.out.exists():
-            raise InputError([f"--out: {str(options.out)!r} exists already, and is not overwritten; name another"])
+    _check_out(options)
     drawing = read_drawing(file)
-    frame = own_frame(drawing)
-    if options.mission is not None:
-        frame = loaded_mission(options.mission).mission_frame()
-        if frame.is_local:
-            raise InputError([f"--mission: {options.mission}: its frame is local, without latitude and longitude"])
+    frame = _frame(options.mission) or own_frame(drawing)
     layout = laid_out(drawing, frame, options.fence)
     if options.out is not None and options.mission is not None:
-        text = with_layout(mission_text(options.mission), layout)
-        parse_mission(text, mission_path(options.mission).parent)
-        with writing("--out", options.out), create(options.out, "xb") as written:
-            written.write(text.encode())
+        _write(options.mission, options.out, layout)
     for line in _summary(file, drawing, layout):
         print_line(line)
     if options.json:
@@ -97,13 +84,49 @@ def import_zones(
     return Exit.HOLDS
 
 
+def _check_out(options: ImportOptions) -> None:
+    """Refuse a mission that cannot be written, before anything is read; raises InputError."""
+    from gcs.cli.output import check_file
+
+    if options.out is None:
+        return
+    if options.mission is None:
+        raise InputError(["--out: it needs --mission, which the zones are written into"])
+    check_file("--out", options.out, (".toml",))
+    if options.out.exists():
+        raise InputError([f"--out: {str(options.out)!r} exists already, and is not overwritten; name another"])
+
+
+def _frame(mission: str | None) -> "MissionFrame | None":
+    """Return a mission's frame, None without a mission; raises InputError, also for a local frame."""
+    if mission is None:
+        return None
+    frame = loaded_mission(mission).mission_frame()
+    if frame.is_local:
+        raise InputError([f"--mission: {mission}: its frame is local, without latitude and longitude"])
+    return frame
+
+
+def _write(mission: str, out: Path, layout: "Layout") -> None:
+    """Write a mission with a layout; raises InputError with every fault of the new mission."""
+    from gcs.cli.output import writing
+    from gcs.keys.private_files import create
+    from gcs.mission.file import mission_path, mission_text, parse_mission
+    from gcs.zones.tables import with_layout
+
+    text = with_layout(mission_text(mission), layout)
+    parse_mission(text, mission_path(mission).parent)
+    with writing("--out", out), create(out, "xb") as file:
+        file.write(text.encode())
+
+
 def _summary(file: Path, drawing: "Drawing", layout: "Layout") -> list[str]:
     """Return what was read, line by line, and what was not."""
     lines = [f"{file}: {drawing.file_format}"]
     if layout.fence is not None:
         lines.append(f"fence '{layout.fence.name}': {_extent(layout.fence)}")
     lines += [f"no-fly zone '{zone.name}': {_extent(zone)}{_heights(zone)}" for zone in layout.zones]
-    lines += [f"rally point '{point.name}'" for point in layout.points]
+    lines += [f"rally point '{point.name}': missions have none yet" for point in layout.points]
     return [*lines, *(f"not taken: {each}" for each in layout.left_out)]
 
 

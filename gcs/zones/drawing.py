@@ -20,7 +20,7 @@ NAME_MAX = 60
 class DrawnArea:
     """An area, by the corners of its outline, or a circle of `radius_m` about its only corner.
 
-    `place` says where in the file it stands. Heights are metres as the file has them, None for an area from the ground
+    `place` says where in the file it stands. Heights are metres as the file has them, None 
     up without an end. `holes` are inner outlines.
     """
 
@@ -48,6 +48,7 @@ class DrawnPoint:
 class Drawing:
     """All that was read from a file, and in words what it holds besides."""
 
+    file: str
     file_format: str
     areas: tuple[DrawnArea, ...]
     points: tuple[DrawnPoint, ...] = ()

@@ -1,6 +1,6 @@
 """GeoJSON (RFC 7946): polygons are areas, points are rally points, points with a `radius` are circles.
 
-The properties that are read: `name`, `inclusion` (true for an area to stay in), `radius`, `floor` and `ceiling` in metres.
+The properties that are read: `name`, `inclusion` (true for an area to stay in), `radius`, `floor` and `ceiling` [m].
 """
 
 from collections import Counter
@@ -46,7 +46,7 @@ def geojson_drawing(root: JsonNode) -> Drawing:
     areas = tuple(each for each in read if isinstance(each, DrawnArea))
     points = tuple(each for each in read if isinstance(each, DrawnPoint))
     left_out = tuple(f"{count} {kind}{'s' * (count != 1)}" for kind, count in others.items())
-    return Drawing("GeoJSON", areas, points, left_out)
+    return Drawing(root.file, "GeoJSON", areas, points, left_out)
 
 
 class _Shape:

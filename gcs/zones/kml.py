@@ -1,7 +1,7 @@
 """KML 2.2: the polygons of its placemarks, also of several geometries, are areas.
 
 https://docs.ogc.org/is/12-007r2/12-007r2.html. A document type, by which a text could grow to any length or name other
-files, is refused; expat reads neither then. `Data` or `SimpleData` with the names `floor` and `ceiling` are heights [m].
+files, is refused before expat reads it. `Data` or `SimpleData` of the names `floor` and `ceiling` are heights [m].
 """
 
 from collections import Counter
@@ -28,13 +28,13 @@ _OTHER_FEATURES = ("NetworkLink", "GroundOverlay", "ScreenOverlay", "PhotoOverla
 
 
 class KmlElement:
-    """An element: its local name, its line, its attribute `name`, its text and the elements in it."""
+    """An element: its local name, its line, its attribute `name`, its content and the elements in it."""
 
     def __init__(self, tag: str, line: int, name: str) -> None:
         self.tag = tag
         self.line = line
         self.name = name
-        self.text = ""
+        self.content = ""
         self.inner: list[KmlElement] = []
 
     def all(self, *tags: str) -> "Iterator[KmlElement]":
@@ -66,7 +66,7 @@ class _Reader:
 
     def read(self, content: bytes) -> KmlElement:
         try:
-            self._parser.Parse(content, True)  # noqa: FBT003 - the whole text at once
+            self._parser.Parse(content, True)
         except expat.ExpatError as error:
             reason = f"it is not XML: {expat.ErrorString(error.code)} in line {error.lineno}"
             raise InputError([KeyFault(self._file, reason, error.lineno)]) from error
@@ -87,10 +87,10 @@ class _Reader:
         self._open.append(found)
 
     def _characters(self, text: str) -> None:
-        self._open[-1].text += text
+        self._open[-1].content += text
 
     def _doctype(self, *_declared: object) -> None:
-        raise self._fault("a document type (<!DOCTYPE) is not read: it may define entities without end; take it out")
+        raise self._fault("a document type (<!DOCTYPE) is not read: its entities may grow to any length; take it out")
 
 
 def kml_drawing(file: str, content: bytes) -> Drawing:
@@ -103,7 +103,9 @@ def kml_drawing(file: str, content: bytes) -> Drawing:
     areas = collected(lambda each: _area(file, *each), placed)
     others = Counter(each.tag for mark in root.all("Placemark") for each in _other_geometries(mark))
     others.update(each.tag for each in root.all(*_OTHER_FEATURES))
-    return Drawing("KML", areas, left_out=tuple(f"{count} {tag}{'s' * (count != 1)}" for tag, count in others.items()))
+    return Drawing(
+        file, "KML", areas, left_out=tuple(f"{count} {tag}{'s' * (count != 1)}" for tag, count in others.items())
+    )
 
 
 def _other_geometries(mark: KmlElement) -> Iterator[KmlElement]:
@@ -116,7 +118,7 @@ def _other_geometries(mark: KmlElement) -> Iterator[KmlElement]:
 
 def _area(file: str, mark: KmlElement, polygon: KmlElement) -> DrawnArea:
     named = mark.child("name")
-    name = "" if named is None else " ".join(named.text.split())[:NAME_MAX]
+    name = "" if named is None else " ".join(named.content.split())[:NAME_MAX]
     place = f"{file}: line {polygon.line}, {name!r}" if name else f"{file}: line {polygon.line}"
     outer = polygon.child("outerBoundaryIs")
     if outer is None:
@@ -137,7 +139,7 @@ def _ring(file: str, boundary: KmlElement) -> tuple[Degrees, ...]:
     """Return the corners of a boundary: longitude,latitude[,altitude] between white space."""
     coordinates = next(boundary.all("coordinates"), None)
     place = f"{file}: line {boundary.line if coordinates is None else coordinates.line}"
-    corners = () if coordinates is None else tuple(coordinates.text.split())
+    corners = () if coordinates is None else tuple(coordinates.content.split())
     return ring_of(place, collected(lambda corner: _corner(place, corner), corners))
 
 
@@ -160,4 +162,4 @@ def _height(place: str, mark: KmlElement, name: str) -> float | None:
     if data is None:
         return None
     value = data.child("value") or data
-    return ranged(place, f"{name} in metres", _number(value.text.strip()), -HEIGHT_MAX_M, HEIGHT_MAX_M)
+    return ranged(place, f"{name} in metres", _number(value.content.strip()), -HEIGHT_MAX_M, HEIGHT_MAX_M)

@@ -4,15 +4,15 @@ import re
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from math import cos, dist, hypot, pi, sin, tau
+from math import cos, degrees, dist, hypot, pi, radians, remainder, sin, tau
 from unicodedata import normalize
 
 from agents.safety.fence import Fence
-from agents.settings.sections import CORNERS_MAX
+from agents.settings.sections import CORNERS_MAX, ZONES_MAX
 from estimation.frames import Geodetic, MissionFrame
 from estimation.vectors import Pair
 from gcs.errors import InputError, KeyFault
-from gcs.zones.drawing import Degrees, Drawing, DrawnArea, collected
+from gcs.zones.drawing import Degrees, Drawing, DrawnArea, DrawnPoint, collected
 
 CIRCLE_CORNERS = 64
 """Of the polygon in a circle to stay in, which is at most 0.12 % of the radius smaller."""
@@ -21,8 +21,11 @@ FAR_M = 20_000.0
 CORNER_MAX_M = 100_000.0
 """From the origin: beyond, straight lines of the map and of the mission's plane differ by many metres."""
 AREA_LEAST_M2 = 1.0
+RADIUS_MAX_M = 10_000.0
+"""Of a circle, as of a mission's zone."""
 _SAME_M = 0.01
 _DIGITS = 2
+_EARTH_RADIUS_M = 6_371_000.0
 _NAME_MAX = 24
 
 
@@ -69,38 +72,37 @@ class Layout:
 def laid_out(drawing: Drawing, frame: MissionFrame, fence: str | None = None) -> Layout:
     """Return a drawing in a mission's frame; `fence` names the area to stay in, also one not drawn as such.
 
-    Raises InputError with every fault: areas that cross themselves, are too far away or have too many corners, and
-    several to stay in.
+    Zones and points beyond `FAR_M` are left out. Raises InputError with every fault: areas that cross themselves, reach
+    too far away or have too many corners, several to stay in, and if nothing is near.
     """
-    named = _named(drawing.areas)
-    inside, others, left_out = _chosen(named, fence)
-    shapes = collected(lambda area: _area(area, frame), [*inside, *others])
-    ground = [each for each, drawn in zip(shapes, [*inside, *others], strict=True) if drawn not in inside]
-    within = shapes[0] if inside else None
-    holes = [*_holes(inside)]
-    left_out += [
-        f"{len(each.holes)} inner outlines of '{each.name}': they are no-fly as well" for each in others if each.holes
-    ]
-    ground += collected(lambda area: _area(area, frame), holes)
-    near = [each for each in ground if _away_m(each) <= FAR_M]
-    left_out += [f"'{each.name}', {_away_m(each) / 1000.0:.0f} km away" for each in ground if each not in near]
-    points = collected(lambda each: (each, _place_m(each.place, each.place_deg, frame)), drawing.points)
+    inside, others, left_out = _chosen(_named(drawing.areas), fence)
+    others += _holes(inside)
+    near = [area for area in others if _may_be_near(area.corners_deg, area.radius_m, frame)]
+    ground = collected(lambda area: _area(area, frame), [*inside, *near])
+    bounds, zones = ground[: len(inside)], [area for area in ground[len(inside) :] if _away_m(area) <= FAR_M]
+    kept = {area.name for area in zones}
+    left_out += [f"'{area.name}', more than {FAR_M / 1000.0:g} km away" for area in others if area.name not in kept]
+    left_out += [_filled(area) for area in others if area.holes and area.name in kept]
+    points = [each for each in drawing.points if _may_be_near((each.place_deg,), 0.0, frame)]
+    if far := len(drawing.points) - len(points):
+        left_out.append(f"{far} rally points more than {FAR_M / 1000.0:g} km away")
+    if not (bounds or zones or points):
+        reason = f"nothing of it is within {FAR_M / 1000.0:g} km of the mission's origin{_origin_text(frame)}"
+        raise InputError([KeyFault(drawing.file, f"{reason}: are latitude and longitude in their order?")])
+    if len(zones) > ZONES_MAX:
+        reason = f"a mission has at most {ZONES_MAX} no-fly zones (given: {len(zones)} within {FAR_M / 1000.0:g} km)"
+        raise InputError([KeyFault(drawing.file, reason)])
     return Layout(
-        _inscribed(within),
-        tuple(near),
-        tuple(
-            GroundPoint(_mission_name(each.name) or f"rally-{n}", at_m)
-            for n, (each, at_m) in enumerate(points, start=1)
-        ),
+        _inscribed(bounds[0]) if bounds else None,
+        tuple(zones),
+        tuple(_point(n, each, frame) for n, each in enumerate(points, start=1)),
         (*drawing.left_out, *left_out),
     )
 
 
 def own_frame(drawing: Drawing) -> MissionFrame:
-    """Return a frame at the first place of a drawing, north along x; raises InputError if it holds none."""
+    """Return a frame at the first place of a drawing, north along x."""
     places = [area.corners_deg[0] for area in drawing.areas] + [point.place_deg for point in drawing.points]
-    if not places:
-        raise InputError([f"FILE: the {drawing.file_format} holds no area and no rally point"])
     return MissionFrame(Geodetic(*places[0], 0.0))
 
 
@@ -148,6 +150,8 @@ def _area(area: DrawnArea, frame: MissionFrame) -> GroundArea:
         raise InputError([KeyFault(area.place, reason)])
     if not area.radius_m:
         _require_sound(area, ground)
+    elif area.radius_m > RADIUS_MAX_M:
+        raise InputError([KeyFault(area.place, f"a radius is at most {RADIUS_MAX_M:g} m (given: {area.radius_m:g})")])
     return ground
 
 
@@ -167,24 +171,38 @@ def _require_sound(area: DrawnArea, ground: GroundArea) -> None:
         raise InputError([KeyFault(area.place, f"its outline encloses less than {AREA_LEAST_M2:g} m²")])
 
 
+def _point(number: int, point: DrawnPoint, frame: MissionFrame) -> GroundPoint:
+    return GroundPoint(_mission_name(point.name) or f"rally-{number}", _place_m(point.place, point.place_deg, frame))
+
+
+def _filled(area: DrawnArea) -> str:
+    return f"{len(area.holes)} inner outlines of '{area.name}': nobody flies inside of them either"
+
+
+def _may_be_near(corners: Sequence[Degrees], radius_m: float, frame: MissionFrame) -> bool:
+    """Return whether the box around corners, `FAR_M` larger, holds the origin: else the area is farther away."""
+    assert frame.origin is not None
+    latitude_deg, longitude_deg = frame.origin.latitude_deg, frame.origin.longitude_deg
+    north_deg = degrees((FAR_M + radius_m) / _EARTH_RADIUS_M)
+    east_deg = north_deg / max(cos(radians(latitude_deg)), 0.01)
+    norths = [latitude - latitude_deg for latitude, _ in corners]
+    easts = [remainder(longitude - longitude_deg, 360.0) for _, longitude in corners]
+    return min(norths) <= north_deg and max(norths) >= -north_deg and min(easts) <= east_deg and max(easts) >= -east_deg
+
+
 def _place_m(place: str, corner: Degrees, frame: MissionFrame) -> Pair:
-    altitude_m = 0.0 if frame.origin is None else frame.origin.altitude_m
-    x, y, _ = frame.mission_from_geodetic(Geodetic(*corner, altitude_m))
-    # The far side of the Earth has small coordinates in the tangent plane, too.
-    if hypot(x, y) > CORNER_MAX_M or not _is_near(corner, frame):
-        origin = frame.origin
-        at = "" if origin is None else f", {_degrees_text((origin.latitude_deg, origin.longitude_deg))}"
-        reason = (
-            f"{_degrees_text(corner)} is more than {CORNER_MAX_M / 1000.0:g} km from the mission's origin{at}: "
-            "are latitude and longitude in their order?"
-        )
-        raise InputError([KeyFault(place, reason)])
+    assert frame.origin is not None
+    x, y, up_m = frame.mission_from_geodetic(Geodetic(*corner, frame.origin.altitude_m))
+    # The far side of the Earth has small coordinates in the tangent plane, too: it is far below.
+    if hypot(x, y, up_m) > CORNER_MAX_M:
+        reason = f"{_degrees_text(corner)} is more than {CORNER_MAX_M / 1000.0:g} km from the origin"
+        raise InputError([KeyFault(place, f"{reason}{_origin_text(frame)}; next: cut the area")])
     return round(x, _DIGITS) + 0.0, round(y, _DIGITS) + 0.0
 
 
-def _is_near(corner: Degrees, frame: MissionFrame) -> bool:
-    """Return whether a corner is on the side of the Earth of the origin: 90 degrees of latitude would be 10 000 km."""
-    return frame.origin is None or abs(corner[0] - frame.origin.latitude_deg) < 2.0
+def _origin_text(frame: MissionFrame) -> str:
+    origin = frame.origin
+    return "" if origin is None else f", {_degrees_text((origin.latitude_deg, origin.longitude_deg))}"
 
 
 def _without_repeats(corners: Sequence[Pair]) -> Iterator[Pair]:

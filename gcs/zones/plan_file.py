@@ -42,7 +42,7 @@ def plan_drawing(root: JsonNode) -> Drawing:
         faults += error.placed
     if faults:
         raise InputError(faults)
-    return Drawing("QGroundControl plan", areas, points, tuple(_left_out(root, fence)))
+    return Drawing(root.file, "QGroundControl plan", areas, points, tuple(_left_out(root, fence)))
 
 
 def _require_version(part: JsonNode | None, known: int) -> None:

@@ -15,7 +15,7 @@ _KNOWN = "a QGroundControl .plan, KML or GeoJSON is read"
 
 
 def read_drawing(path: Path) -> Drawing:
-    """Return what a file holds; raises InputError that names file, place and value."""
+    """Return what a file holds, at least one area or point; raises InputError that names file, place and value."""
     file = path.name
     try:
         content = read_plain(path, BYTES_MAX)
@@ -27,9 +27,12 @@ def read_drawing(path: Path) -> Drawing:
     if start.startswith(b"PK\x03\x04"):
         raise InputError([KeyFault(str(path), "it is packed, perhaps a KMZ; next: unzip it, and give the .kml in it")])
     try:
-        return _parsed(file, start, content)
+        drawing = _parsed(file, start, content)
     except RecursionError as error:
         raise InputError([KeyFault(file, "it is nested too deeply")]) from error
+    if not (drawing.areas or drawing.points):
+        raise InputError([KeyFault(file, f"the {drawing.file_format} holds no area and no rally point")])
+    return drawing
 
 
 def _parsed(file: str, start: bytes, content: bytes) -> Drawing:
