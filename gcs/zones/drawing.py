@@ -20,8 +20,8 @@ NAME_MAX = 60
 class DrawnArea:
     """An area, by the corners of its outline, or a circle of `radius_m` about its only corner.
 
-    `place` says where in the file it stands. Heights are metres as the file has them, None 
-    up without an end. `holes` are inner outlines.
+    `place` says where in the file it stands. Heights are metres as the file has them, None without a limit. `holes` are
+    inner outlines.
     """
 
     place: str
