@@ -6,17 +6,18 @@ from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import App, Parameter
 
-from gcs.cli.options import RESULT, Json, loaded_mission, only_file
+from gcs.cli.options import RESULT, Json, MissionName, chosen_vehicle, loaded_mission, only_file
 from gcs.errors import Exit, InputError
 
 if TYPE_CHECKING:
     from estimation.frames import MissionFrame
+    from gcs.mission.mission import Mission
     from gcs.zones.drawing import Drawing
     from gcs.zones.layout import GroundArea, Layout
 
 zones = App(
     name="zones",
-    help="Take fences, no-fly zones and rally points from other programs.\n\n"
+    help="Take fences, no-fly zones and rally points from other programs, and give them to these.\n\n"
     "Example: cordon zones import field.plan --mission my.toml",
 )
 
@@ -67,7 +68,7 @@ def import_zones(
 
     _check_out(options)
     drawing = read_drawing(file)
-    frame = _frame(options.mission) or own_frame(drawing)
+    frame = own_frame(drawing) if options.mission is None else _frame(loaded_mission(options.mission), options.mission)
     layout = laid_out(drawing, frame, options.fence)
     if options.out is not None and options.mission is not None:
         _write(options.mission, options.out, layout)
@@ -84,6 +85,48 @@ def import_zones(
     return Exit.HOLDS
 
 
+@Parameter(name="*")
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ExportOptions:
+    """Options of `cordon zones export`, without mission and file."""
+
+    vehicle: Annotated[int | None, Parameter(help="With the fence of this vehicle, if it has its own.")] = None
+
+
+_EXPORT_DEFAULTS = ExportOptions()
+
+
+@zones.command(name="export")
+def export_zones(
+    mission: MissionName,
+    file: Annotated[Path, Parameter(validator=only_file, help="The .plan file to write, which must not exist yet.")],
+    /,
+    *,
+    options: ExportOptions = _EXPORT_DEFAULTS,
+) -> Exit:
+    """Write a mission's fence and no-fly zones as a plan, for QGroundControl to upload to the autopilots.
+
+    Example: cordon zones export my.toml my.plan
+    """
+    from gcs.cli.output import check_file, writing
+    from gcs.console.terminal import print_line
+    from gcs.keys.private_files import create
+    from gcs.zones.plan_file import plan_text
+
+    flown = loaded_mission(mission)
+    vehicle = None if options.vehicle is None else chosen_vehicle(flown, options.vehicle, "--vehicle")
+    _frame(flown, mission)
+    check_file("FILE", file, (".plan",))
+    if file.exists():
+        raise InputError([f"FILE: {str(file)!r} exists already, and is not overwritten; name another"])
+    with writing("FILE", file), create(file, "xb") as written:
+        written.write(plan_text(flown, vehicle).encode())
+    if limited := [zone.name for zone in flown.safety.no_fly if zone.floor_m is not None or zone.ceiling_m is not None]:
+        print_line(f"a plan has no heights: {', '.join(limited)} closed from the ground up", "yellow")
+    print_line(f"written: {file}; next: open it in QGroundControl, and upload it to each vehicle")
+    return Exit.HOLDS
+
+
 def _check_out(options: ImportOptions) -> None:
     """Refuse a mission that cannot be written, before anything is read; raises InputError."""
     from gcs.cli.output import check_file
@@ -97,13 +140,11 @@ def _check_out(options: ImportOptions) -> None:
         raise InputError([f"--out: {str(options.out)!r} exists already, and is not overwritten; name another"])
 
 
-def _frame(mission: str | None) -> "MissionFrame | None":
-    """Return a mission's frame, None without a mission; raises InputError, also for a local frame."""
-    if mission is None:
-        return None
-    frame = loaded_mission(mission).mission_frame()
+def _frame(mission: "Mission", name: str) -> "MissionFrame":
+    """Return a mission's frame; raises InputError for a local one."""
+    frame = mission.mission_frame()
     if frame.is_local:
-        raise InputError([f"--mission: {mission}: its frame is local, without latitude and longitude"])
+        raise InputError([f"{name}: its frame is local, without latitude and longitude"])
     return frame
 
 

@@ -15,7 +15,7 @@ from collections.abc import Awaitable, Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from functools import partial
-from math import cos, inf, sin, tau
+from math import inf
 from typing import Any, NamedTuple
 
 from mavsdk.plugins.geofence import FenceType, Geofence, GeofenceError
@@ -39,6 +39,7 @@ from gcs.link.self_reports import DIMENSIONS, EstimatorReport, estimator_report,
 from gcs.link.signing_keys import signing_keys
 from gcs.link.status_texts import HealthItem
 from gcs.mission.mission import Mission, MissionVehicle
+from gcs.preflight.areas import circle_corners
 from gcs.preflight.findings import FenceArea, GpsFix, VehicleFacts
 from gcs.preflight.vehicle import CALM_MODES
 
@@ -191,7 +192,6 @@ LISTENING_IN_FLIGHT_S, PARAMETERS_IN_FLIGHT_S = 0.8, 1.5
 """Shorter timeouts for the preflight check in `fly`, whose links are connected already."""
 SLOW_PERIODS = 4.0
 """Timeout in periods of the status rate: GPS and battery status come at half of it, and one message may be lost."""
-CIRCLE_CORNERS = 36
 
 
 def are_known(losses: Losses, pace: RateController, counted_s: float) -> bool:
@@ -488,6 +488,5 @@ def _area(frame: MissionFrame, area: Any, points: Sequence[Any], radius_m: float
     places = (Geodetic(point.latitude_deg, point.longitude_deg, altitude_m) for point in points)
     corners = [frame.mission_from_geodetic(place)[:2] for place in places]
     if radius_m:
-        (x, y), turns = corners[0], (tau * k / CIRCLE_CORNERS for k in range(CIRCLE_CORNERS))
-        corners = [(x + radius_m * cos(turn), y + radius_m * sin(turn)) for turn in turns]
+        corners = list(circle_corners(corners[0], radius_m))
     return FenceArea(tuple(corners), area.fence_type is FenceType.INCLUSION)

@@ -3,9 +3,13 @@
 https://docs.qgroundcontrol.com/master/en/qgc-dev-guide/file_formats/plan.html
 """
 
+import json
 from typing import Final
 
+from estimation.frames import MissionFrame
+from estimation.vectors import Pair
 from gcs.errors import InputError, KeyFault
+from gcs.mission.mission import Mission, MissionVehicle
 from gcs.zones.drawing import (
     HEIGHT_MAX_M,
     RADIUS_MAX_M,
@@ -20,6 +24,8 @@ from gcs.zones.drawing import (
 from gcs.zones.json_node import JsonNode, each_of
 
 FILE_TYPE: Final = "Plan"
+_DEGREES_DIGITS = 8
+"""A millimetre."""
 _VERSIONS = {"": 1, "geoFence": 2, "rallyPoints": 2}
 _OF_ONE_AREA = 1
 
@@ -43,6 +49,53 @@ def plan_drawing(root: JsonNode) -> Drawing:
     if faults:
         raise InputError(faults)
     return Drawing(root.file, "QGroundControl plan", areas, points, tuple(_left_out(root, fence)))
+
+
+def plan_text(mission: Mission, vehicle: MissionVehicle | None = None) -> str:
+    """Return a mission's fence and zones as a plan without mission items, of a vehicle with a fence of its own.
+
+    Plans have no heights: a zone is closed at all of them. Raises ValueError in a local frame.
+    """
+    frame = mission.mission_frame()
+    fence_m = (mission.safety if vehicle is None else vehicle.section.limits(mission.safety)).fence_m
+    polygons, circles = [_plan_polygon(frame, fence_m, inclusion=True)] if fence_m else [], list[dict[str, object]]()
+    for zone in mission.safety.no_fly:
+        if zone.center_m is not None and zone.radius_m is not None:
+            circle = {"center": _plan_place(frame, zone.center_m), "radius": zone.radius_m}
+            circles.append({"circle": circle, "inclusion": False, "version": _OF_ONE_AREA})
+        else:
+            polygons.append(_plan_polygon(frame, zone.polygon_m, inclusion=False))
+    home = [mission.frame.latitude_deg, mission.frame.longitude_deg, mission.frame.altitude_m]
+    return json.dumps(
+        {
+            "fileType": FILE_TYPE,
+            "geoFence": {"circles": circles, "polygons": polygons, "version": _VERSIONS["geoFence"]},
+            "groundStation": "cordon",
+            "mission": {
+                "cruiseSpeed": 15,
+                "firmwareType": 0,
+                "globalPlanAltitudeMode": 1,
+                "hoverSpeed": 5,
+                "items": [],
+                "plannedHomePosition": home,
+                "vehicleType": 2,
+                "version": 2,
+            },
+            "rallyPoints": {"points": [], "version": _VERSIONS["rallyPoints"]},
+            "version": _VERSIONS[""],
+        },
+        indent=4,
+    )
+
+
+def _plan_polygon(frame: MissionFrame, corners_m: tuple[Pair, ...], *, inclusion: bool) -> dict[str, object]:
+    corners = [_plan_place(frame, corner) for corner in corners_m]
+    return {"inclusion": inclusion, "polygon": corners, "version": _OF_ONE_AREA}
+
+
+def _plan_place(frame: MissionFrame, place_m: Pair) -> list[float]:
+    place = frame.geodetic_from_mission((*place_m, 0.0))
+    return [round(place.latitude_deg, _DEGREES_DIGITS), round(place.longitude_deg, _DEGREES_DIGITS)]
 
 
 def _require_version(part: JsonNode | None, known: int) -> None:

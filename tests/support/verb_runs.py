@@ -84,6 +84,7 @@ ALONE = (
     VerbRun("new", "new.toml --vehicles 2 --links stub --shape line --radius 10 --rate 0.1 --target rest --fence 20"),
     VerbRun("schema"),
     VerbRun("zones import", "field.plan --mission ring.toml", keys=OUTPUT_KEYS["zones import"]),
+    VerbRun("zones export", "ring.toml ring.plan"),
     VerbRun("sim", "ring.toml --duration 10 --log sim.mcap", (0, 1), RESULT_KEYS[""]),
     VerbRun("sweep", "ring.toml --seeds 0:2 --duration 5 --workers 1 --out swept", (0, 1), OUTPUT_KEYS["sweep"]),
     VerbRun("sweep plot", "swept", keys=OUTPUT_KEYS["sweep plot"]),

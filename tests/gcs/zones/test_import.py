@@ -135,6 +135,26 @@ def test_the_mission_keeps_its_text_but_for_fence_and_zones(tmp_path: Path) -> N
         with_layout(CASE2.replace("[safety]\n", "[safety]\nno_fly = []\n"), field)
 
 
+def test_an_exported_plan_is_read_as_the_mission_has_it(
+    tmp_path: Path, run_here: RunHere, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("my.toml").write_text(with_layout(CASE2, layout(tmp_path, "f.geojson", geojson())), encoding="utf-8")
+    code, _, err = run_here("zones", "export", "my.toml", "out.plan")
+    assert code == 0
+    assert facts_missing(err, "no heights: house", "written: out.plan") == [], err
+    assert json.loads(Path("out.plan").read_text())["mission"]["plannedHomePosition"] == [47.397742, 8.545594, 488.0]
+    again, mission = laid_out(read_drawing(Path("out.plan")), FRAME), load_mission("my.toml")
+    assert again.fence is not None
+    assert_same(again.fence.corners_m, mission.safety.fence_m)
+    house, mast = again.zones
+    assert_same(house.corners_m, HOUSE_M)
+    assert_same(mast.corners_m, (MAST_M,))
+    assert mast.radius_m == MAST_RADIUS_M
+    code, _, err = run_here("zones", "export", "my.toml", "out.plan")
+    assert (code, "exists" in err) == (2, True)
+
+
 def crossing() -> dict[str, object]:
     corners = [degrees_of(HOUSE_M[at]) for at in (0, 2, 1, 3)]
     return {"polygons": [{"inclusion": False, "polygon": corners, "version": 1}], "version": 2}
