@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from math import hypot, inf
 from typing import Final
 
-from agents.settings.sections import NoFlySection
+from agents.settings.sections import NoFlySection, SafetySettings
 
 Corner = tuple[float, float]
 _ON_EDGE_M = 1e-9
@@ -150,6 +150,36 @@ class Zone:
     def overlaps(self, low_m: float, high_m: float) -> bool:
         """Return whether the zone is closed at a height between two."""
         return self.floor_m <= high_m and self.ceiling_m >= low_m
+
+    def height_m(self, planned_m: float, height_m: float, margin_m: float) -> float:
+        """Return the height nearest to a planned one that a vehicle at `height_m`, above or below the zone, may have.
+
+        At a height of the zone it is the planned one: what keeps it out is the boundary.
+        """
+        if height_m < self.floor_m:
+            return min(planned_m, self.floor_m - margin_m)
+        return max(planned_m, self.ceiling_m + margin_m) if height_m > self.ceiling_m else planned_m
+
+
+class Area:
+    """Where a vehicle may fly: inside its fence, if it has one, and outside of the zones at their heights."""
+
+    def __init__(self, safety: SafetySettings) -> None:
+        self.fence: Final = Fence(safety.fence_m) if safety.fence_m else None
+        self.zones: Final = tuple([Zone(each) for each in safety.no_fly])
+
+    def clearance_m(self, place_m: Corner, height_m: float) -> float:
+        """Return the distance to the nearest boundary, negative beyond it; infinity if there is none."""
+        fence_m = inf if self.fence is None else self.fence.clearance_m(place_m)
+        closed_m = [each.boundary.clearance_m(place_m) for each in self.zones if each.overlaps(height_m, height_m)]
+        return min(fence_m, *closed_m) if closed_m else fence_m
+
+    def entered(self, place_m: Corner, height_m: float) -> Zone | None:
+        """Return the zone that a place at a height is in, None if there is none."""
+        for zone in self.zones:
+            if zone.overlaps(height_m, height_m) and not zone.boundary.contains(place_m):
+                return zone
+        return None
 
 
 def _nearest(place_m: Corner, start: Corner, stop: Corner, sense: float, left_is_inward: float) -> NearestPoint:
