@@ -107,7 +107,7 @@ class Fence:
         return None
 
 
-class Disc:
+class RoundEdge:
     """A circle whose outside is free."""
 
     def __init__(self, center_m: Corner, radius_m: float) -> None:
@@ -133,16 +133,16 @@ class Disc:
         return [NearestPoint(distance_m, direction)]
 
 
-class Zone:
+class NoFlyZone:
     """A no-fly zone: its name, its boundary, and the heights between which it is closed."""
 
     def __init__(self, section: NoFlySection) -> None:
         center_m, radius_m = section.center_m, section.radius_m
         self.name: Final = section.name
-        self.boundary: Final[Fence | Disc] = (
+        self.boundary: Final[Fence | RoundEdge] = (
             Fence(section.polygon_m, encloses=False)
             if center_m is None or radius_m is None
-            else Disc(center_m, radius_m)
+            else RoundEdge(center_m, radius_m)
         )
         self.floor_m: Final = -inf if section.floor_m is None else section.floor_m
         self.ceiling_m: Final = inf if section.ceiling_m is None else section.ceiling_m
@@ -166,7 +166,7 @@ class Area:
 
     def __init__(self, safety: SafetySettings) -> None:
         self.fence: Final = Fence(safety.fence_m) if safety.fence_m else None
-        self.zones: Final = tuple([Zone(each) for each in safety.no_fly])
+        self.zones: Final = tuple([NoFlyZone(each) for each in safety.no_fly])
 
     def clearance_m(self, place_m: Corner, height_m: float) -> float:
         """Return the distance to the nearest boundary, negative beyond it; infinity if there is none."""
@@ -174,7 +174,7 @@ class Area:
         closed_m = [each.boundary.clearance_m(place_m) for each in self.zones if each.overlaps(height_m, height_m)]
         return min(fence_m, *closed_m) if closed_m else fence_m
 
-    def entered(self, place_m: Corner, height_m: float) -> Zone | None:
+    def entered(self, place_m: Corner, height_m: float) -> NoFlyZone | None:
         """Return the zone that a place at a height is in, None if there is none."""
         for zone in self.zones:
             if zone.overlaps(height_m, height_m) and not zone.boundary.contains(place_m):

@@ -151,7 +151,7 @@ class Guard:
         return Guarded(aim_m) if reached == lead else self._guarded(position, lead, reached, [], None)
 
     def altitude_m(self, planned_m: float, motion: Vector, height_m: float) -> float:
-        """Return the altitude nearest to `planned_m` within the limits, and above or below the zones at a motion (4,)."""
+        """Return the altitude nearest to `planned_m` within the limits, above or below zones at a motion (4,)."""
         if self._area.zones and self._safety.guard:
             planned_m = self._passing_m(planned_m, motion, height_m)
         low, high = self._safety.altitude_min_m, self._safety.altitude_max_m

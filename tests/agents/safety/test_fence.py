@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from matplotlib.path import Path
 from shapely import Point, Polygon
 
-from agents.safety.fence import Area, Corner, Disc, Fence
+from agents.safety.fence import Area, Corner, RoundEdge, Fence
 from agents.settings.sections import NoFlySection, SafetySettings
 from estimation.state import Vector
 
@@ -236,7 +236,7 @@ def test_along_a_side_of_a_zone_no_other_side_is_in_the_way() -> None:
 
 
 def test_a_round_zone_is_a_circle_from_outside() -> None:
-    disc = Disc((1.0, 2.0), 3.0)
+    disc = RoundEdge((1.0, 2.0), 3.0)
     (point,) = disc.nearest_points((6.0, 2.0))
     assert (point.distance_m, point.inward) == (2.0, (1.0, 0.0))
     (point,) = disc.nearest_points((1.0, 1.0))
