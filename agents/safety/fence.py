@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from math import hypot, inf
 from typing import Final
 
-from agents.settings.sections import NoFlySection
+from agents.settings.sections import NoFlySection, SafetySettings
 
 Corner = tuple[float, float]
 _ON_EDGE_M = 1e-9
@@ -107,7 +107,7 @@ class Fence:
         return None
 
 
-class Disc:
+class RoundEdge:
     """A circle whose outside is free."""
 
     def __init__(self, center_m: Corner, radius_m: float) -> None:
@@ -133,16 +133,16 @@ class Disc:
         return [NearestPoint(distance_m, direction)]
 
 
-class Zone:
+class NoFlyZone:
     """A no-fly zone: its name, its boundary, and the heights between which it is closed."""
 
     def __init__(self, section: NoFlySection) -> None:
         center_m, radius_m = section.center_m, section.radius_m
         self.name: Final = section.name
-        self.boundary: Final[Fence | Disc] = (
+        self.boundary: Final[Fence | RoundEdge] = (
             Fence(section.polygon_m, encloses=False)
             if center_m is None or radius_m is None
-            else Disc(center_m, radius_m)
+            else RoundEdge(center_m, radius_m)
         )
         self.floor_m: Final = -inf if section.floor_m is None else section.floor_m
         self.ceiling_m: Final = inf if section.ceiling_m is None else section.ceiling_m
@@ -150,6 +150,36 @@ class Zone:
     def overlaps(self, low_m: float, high_m: float) -> bool:
         """Return whether the zone is closed at a height between two."""
         return self.floor_m <= high_m and self.ceiling_m >= low_m
+
+    def height_m(self, planned_m: float, height_m: float, margin_m: float) -> float:
+        """Return the height nearest to a planned one that a vehicle at `height_m`, above or below the zone, may have.
+
+        At a height of the zone it is the planned one: what keeps it out is the boundary.
+        """
+        if height_m < self.floor_m:
+            return min(planned_m, self.floor_m - margin_m)
+        return max(planned_m, self.ceiling_m + margin_m) if height_m > self.ceiling_m else planned_m
+
+
+class Area:
+    """Where a vehicle may fly: inside its fence, if it has one, and outside of the zones at their heights."""
+
+    def __init__(self, safety: SafetySettings) -> None:
+        self.fence: Final = Fence(safety.fence_m) if safety.fence_m else None
+        self.zones: Final = tuple([NoFlyZone(each) for each in safety.no_fly])
+
+    def clearance_m(self, place_m: Corner, height_m: float) -> float:
+        """Return the distance to the nearest boundary, negative beyond it; infinity if there is none."""
+        fence_m = inf if self.fence is None else self.fence.clearance_m(place_m)
+        closed_m = [each.boundary.clearance_m(place_m) for each in self.zones if each.overlaps(height_m, height_m)]
+        return min(fence_m, *closed_m) if closed_m else fence_m
+
+    def entered(self, place_m: Corner, height_m: float) -> NoFlyZone | None:
+        """Return the zone that a place at a height is in, None if there is none."""
+        for zone in self.zones:
+            if zone.overlaps(height_m, height_m) and not zone.boundary.contains(place_m):
+                return zone
+        return None
 
 
 def _nearest(place_m: Corner, start: Corner, stop: Corner, sense: float, left_is_inward: float) -> NearestPoint:

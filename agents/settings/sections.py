@@ -155,11 +155,9 @@ class NoFlySection(Settings):
     )
     radius_m: float | None = Field(None, gt=0.0, le=10000.0, description="radius of a circle")
     floor_m: _Height | None = Field(
-        None, description="height above the origin where the zone begins; none: from the ground"
+        None, description="height above the origin where the zone begins; none: at the ground"
     )
-    ceiling_m: _Height | None = Field(
-        None, description="height above the origin where the zone ends; none: without end"
-    )
+    ceiling_m: _Height | None = Field(None, description="height above the origin where the zone ends; none: nowhere")
 
     @model_validator(mode="after")
     def _is_one_zone(self) -> Self:

@@ -1,6 +1,6 @@
 """Checks of a mission against its own limits: fence, altitude band, keep-out disc and speeds.
 
-Also distances of vehicles from each other and their fences.
+Also distances of vehicles from each other, their fences and zones.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -9,7 +9,7 @@ from math import degrees, dist
 
 from agents.ring.heights import altitude_refusal, tilt_refusal
 from agents.ring.place import chord_m
-from agents.safety.fence import Fence
+from agents.safety.fence import Area, Fence
 from agents.settings.sections import ChoreographySettings, EncirclementSettings, FormationSettings, SafetySettings
 from agents.settings.shapes import gap_m
 from gcs.errors import KeyFault
@@ -21,10 +21,10 @@ IndexedVehicles = Sequence[tuple[int, VehicleSection]]
 Place = tuple[float, float]
 
 
-def fences(vehicles: Sequence[VehicleSection], safety: SafetySettings) -> dict[int, Fence]:
-    """Return the fence of each vehicle that has one, the mission's or its own, by its id."""
-    corners_m = {vehicle.id: vehicle.limits(safety).fence_m for vehicle in vehicles}
-    return {vehicle_id: Fence(corners) for vehicle_id, corners in corners_m.items() if corners}
+def areas(vehicles: Sequence[VehicleSection], safety: SafetySettings) -> dict[int, Area]:
+    """Return where each vehicle that has a fence or no-fly zones may fly, by its id."""
+    limits = {vehicle.id: vehicle.limits(safety) for vehicle in vehicles}
+    return {vehicle_id: Area(each) for vehicle_id, each in limits.items() if each.fence_m or each.no_fly}
 
 
 def nearest_other(vehicle_id: int, places_m: Mapping[int, Place]) -> tuple[int, float] | None:

@@ -3,7 +3,7 @@
 from collections.abc import Iterator, Sequence
 from math import cos, sin, tau
 
-from agents.safety.fence import Zone
+from agents.safety.fence import NoFlyZone
 from agents.safety.routes import ZONE_MARGIN_M, heights_m
 from agents.settings.sections import ChoreographySettings, EncirclementSettings, NoFlySection, SafetySettings
 from gcs.errors import KeyFault
@@ -22,7 +22,7 @@ def zones_fit(
 ) -> Iterator[KeyFault]:
     """Check every zone: its polygon, its name, and that no take-off place, target or whole ring lies in it."""
     names = [each.name for each in safety.no_fly]
-    zones: list[tuple[str, Zone]] = []
+    zones: list[tuple[str, NoFlyZone]] = []
     for i, section in enumerate(safety.no_fly):
         key = f"safety.no_fly[{i}]"
         if section.name in names[:i]:
@@ -30,7 +30,7 @@ def zones_fit(
         faults = list(sound(f"{key}.polygon_m", section.polygon_m, "zone")) if section.polygon_m else []
         yield from faults
         if not faults:
-            zones.append((_shape_key(key, section), Zone(section)))
+            zones.append((_shape_key(key, section), NoFlyZone(section)))
     if not vehicles:
         return
     low_m, high_m = heights_m([each.altitude_m for _, each in vehicles], ring, layers)
@@ -45,7 +45,7 @@ def _shape_key(key: str, section: NoFlySection) -> str:
 
 
 def _starts_outside(
-    zones: Sequence[tuple[str, Zone]], vehicles: IndexedVehicles, highest_m: float
+    zones: Sequence[tuple[str, NoFlyZone]], vehicles: IndexedVehicles, highest_m: float
 ) -> Iterator[KeyFault]:
     """Check that vehicles can climb and land vertically at their take-off places."""
     for key, zone in zones:
@@ -66,7 +66,7 @@ def _starts_outside(
 
 
 def _target_outside(
-    zones: Sequence[tuple[str, Zone]], ring: EncirclementSettings, target: TargetSection
+    zones: Sequence[tuple[str, NoFlyZone]], ring: EncirclementSettings, target: TargetSection
 ) -> Iterator[KeyFault]:
     """Check that neither the target, where it starts, nor the whole ring about it lies in a zone."""
     x, y = target.start_m

@@ -1,5 +1,7 @@
 """No-fly zones in a mission: what is read, what is refused."""
 
+from typing import Any
+
 import pytest
 
 from gcs.mission.mission import Mission
@@ -9,7 +11,7 @@ from tests.support.mission_text import changed, faults, parsed
 SQUARE = [[20.0, -20.0], [24.0, -20.0], [24.0, -16.0], [20.0, -16.0]]
 
 
-def zone(**keys: object) -> str:
+def zone(**keys: object) -> dict[str, Any]:
     return changed({("safety", "no_fly"): [{"name": "mast", **keys}]})
 
 
@@ -81,5 +83,5 @@ def test_two_zones_of_one_name_are_refused() -> None:
 
 
 def test_a_zone_above_or_below_all_heights_is_over_nobody() -> None:
-    assert parsed(zone(center_m=[0.0, -4.0], radius_m=3.0, floor_m=60.0))
-    assert parsed(zone(center_m=[35.0, -5.0], radius_m=30.0, floor_m=60.0))
+    assert len(parsed(zone(center_m=[0.0, -4.0], radius_m=3.0, floor_m=60.0)).safety.no_fly) == 1
+    assert len(parsed(zone(center_m=[35.0, -5.0], radius_m=30.0, floor_m=60.0)).safety.no_fly) == 1
