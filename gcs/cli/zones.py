@@ -12,7 +12,7 @@ from gcs.errors import Exit, InputError
 if TYPE_CHECKING:
     from estimation.frames import MissionFrame
     from gcs.mission.mission import Mission
-    from gcs.zones.drawing import Drawing
+    from gcs.zones.drawing import DrawnField
     from gcs.zones.layout import GroundArea, Layout
 
 zones = App(
@@ -87,13 +87,13 @@ def import_zones(
 
 @Parameter(name="*")
 @dataclass(frozen=True, slots=True, kw_only=True)
-class ExportOptions:
+class PlanOptions:
     """Options of `cordon zones export`, without mission and file."""
 
     vehicle: Annotated[int | None, Parameter(help="With the fence of this vehicle, if it has its own.")] = None
 
 
-_EXPORT_DEFAULTS = ExportOptions()
+_EXPORT_DEFAULTS = PlanOptions()
 
 
 @zones.command(name="export")
@@ -102,7 +102,7 @@ def export_zones(
     file: Annotated[Path, Parameter(validator=only_file, help="The .plan file to write, which must not exist yet.")],
     /,
     *,
-    options: ExportOptions = _EXPORT_DEFAULTS,
+    options: PlanOptions = _EXPORT_DEFAULTS,
 ) -> Exit:
     """Write a mission's fence and no-fly zones as a plan, for QGroundControl to upload to the autopilots.
 
@@ -161,7 +161,7 @@ def _write(mission: str, out: Path, layout: "Layout") -> None:
         file.write(text.encode())
 
 
-def _summary(file: Path, drawing: "Drawing", layout: "Layout") -> list[str]:
+def _summary(file: Path, drawing: "DrawnField", layout: "Layout") -> list[str]:
     """Return what was read, line by line, and what was not."""
     lines = [f"{file}: {drawing.file_format}"]
     if layout.fence is not None:

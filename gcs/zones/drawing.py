@@ -45,7 +45,7 @@ class DrawnPoint:
 
 
 @dataclass(frozen=True, slots=True)
-class Drawing:
+class DrawnField:
     """All that was read from a file, and in words what it holds besides."""
 
     file: str

@@ -13,8 +13,8 @@ from gcs.zones.drawing import (
     NAME_MAX,
     RADIUS_MAX_M,
     Degrees,
-    Drawing,
     DrawnArea,
+    DrawnField,
     DrawnPoint,
     collected,
     degrees_of,
@@ -37,7 +37,7 @@ _POSITIONS_LEAST = 4
 """Of a ring: three corners, and the first once more."""
 
 
-def geojson_drawing(root: JsonNode) -> Drawing:
+def geojson_drawing(root: JsonNode) -> DrawnField:
     """Return what a GeoJSON text holds; raises InputError."""
     _require_wgs84(root)
     others = Counter[str]()
@@ -46,7 +46,7 @@ def geojson_drawing(root: JsonNode) -> Drawing:
     areas = tuple(each for each in read if isinstance(each, DrawnArea))
     points = tuple(each for each in read if isinstance(each, DrawnPoint))
     left_out = tuple(f"{count} {kind}{'s' * (count != 1)}" for kind, count in others.items())
-    return Drawing(root.file, "GeoJSON", areas, points, left_out)
+    return DrawnField(root.file, "GeoJSON", areas, points, left_out)
 
 
 class _Shape:

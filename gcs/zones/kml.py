@@ -13,8 +13,8 @@ from gcs.zones.drawing import (
     HEIGHT_MAX_M,
     NAME_MAX,
     Degrees,
-    Drawing,
     DrawnArea,
+    DrawnField,
     collected,
     degrees_of,
     ranged,
@@ -93,7 +93,7 @@ class _Reader:
         raise self._fault("a document type (<!DOCTYPE) is not read: its entities may grow to any length; take it out")
 
 
-def kml_drawing(file: str, content: bytes) -> Drawing:
+def kml_drawing(file: str, content: bytes) -> DrawnField:
     """Return what a KML text holds; raises InputError."""
     root = _Reader(file).read(content)
     if root.child("kml") is None:
@@ -103,7 +103,7 @@ def kml_drawing(file: str, content: bytes) -> Drawing:
     areas = collected(lambda each: _area(file, *each), placed)
     others = Counter(each.tag for mark in root.all("Placemark") for each in _other_geometries(mark))
     others.update(each.tag for each in root.all(*_OTHER_FEATURES))
-    return Drawing(
+    return DrawnField(
         file, "KML", areas, left_out=tuple(f"{count} {tag}{'s' * (count != 1)}" for tag, count in others.items())
     )
 

@@ -12,7 +12,7 @@ from agents.settings.sections import CORNERS_MAX, ZONES_MAX
 from estimation.frames import Geodetic, MissionFrame
 from estimation.vectors import Pair
 from gcs.errors import InputError, KeyFault
-from gcs.zones.drawing import Degrees, Drawing, DrawnArea, DrawnPoint, collected
+from gcs.zones.drawing import Degrees, DrawnArea, DrawnField, DrawnPoint, collected
 
 CIRCLE_CORNERS = 64
 """Of the polygon in a circle to stay in, which is at most 0.12 % of the radius smaller."""
@@ -69,7 +69,7 @@ class Layout:
     left_out: tuple[str, ...]
 
 
-def laid_out(drawing: Drawing, frame: MissionFrame, fence: str | None = None) -> Layout:
+def laid_out(drawing: DrawnField, frame: MissionFrame, fence: str | None = None) -> Layout:
     """Return a drawing in a mission's frame; `fence` names the area to stay in, also one not drawn as such.
 
     Zones and points beyond `FAR_M` are left out. Raises InputError with every fault: areas that cross themselves, reach
@@ -100,7 +100,7 @@ def laid_out(drawing: Drawing, frame: MissionFrame, fence: str | None = None) ->
     )
 
 
-def own_frame(drawing: Drawing) -> MissionFrame:
+def own_frame(drawing: DrawnField) -> MissionFrame:
     """Return a frame at the first place of a drawing, north along x."""
     places = [area.corners_deg[0] for area in drawing.areas] + [point.place_deg for point in drawing.points]
     return MissionFrame(Geodetic(*places[0], 0.0))

@@ -14,8 +14,8 @@ from gcs.zones.drawing import (
     HEIGHT_MAX_M,
     RADIUS_MAX_M,
     Degrees,
-    Drawing,
     DrawnArea,
+    DrawnField,
     DrawnPoint,
     collected,
     degrees_of,
@@ -30,7 +30,7 @@ _VERSIONS = {"": 1, "geoFence": 2, "rallyPoints": 2}
 _OF_ONE_AREA = 1
 
 
-def plan_drawing(root: JsonNode) -> Drawing:
+def plan_drawing(root: JsonNode) -> DrawnField:
     """Return what a plan holds; raises InputError."""
     parts = {name: root.get(name) if name else root for name in _VERSIONS}
     collected(lambda name: _require_version(parts[name], _VERSIONS[name]), _VERSIONS)
@@ -48,7 +48,7 @@ def plan_drawing(root: JsonNode) -> Drawing:
         faults += error.placed
     if faults:
         raise InputError(faults)
-    return Drawing(root.file, "QGroundControl plan", areas, points, tuple(_left_out(root, fence)))
+    return DrawnField(root.file, "QGroundControl plan", areas, points, tuple(_left_out(root, fence)))
 
 
 def plan_text(mission: Mission, vehicle: MissionVehicle | None = None) -> str:

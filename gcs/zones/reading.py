@@ -4,7 +4,7 @@ from pathlib import Path
 
 from estimation.input_file import read_plain
 from gcs.errors import InputError, KeyFault
-from gcs.zones.drawing import Drawing
+from gcs.zones.drawing import DrawnField
 from gcs.zones.geojson import KINDS, geojson_drawing
 from gcs.zones.json_node import json_root
 from gcs.zones.kml import kml_drawing
@@ -14,7 +14,7 @@ BYTES_MAX = 8_000_000
 _KNOWN = "a QGroundControl .plan, KML or GeoJSON is read"
 
 
-def read_drawing(path: Path) -> Drawing:
+def read_drawing(path: Path) -> DrawnField:
     """Return what a file holds, at least one area or point; raises InputError that names file, place and value."""
     file = path.name
     try:
@@ -35,7 +35,7 @@ def read_drawing(path: Path) -> Drawing:
     return drawing
 
 
-def _parsed(file: str, start: bytes, content: bytes) -> Drawing:
+def _parsed(file: str, start: bytes, content: bytes) -> DrawnField:
     if start.startswith((b"<", b"\xff\xfe", b"\xfe\xff")):
         return kml_drawing(file, content)
     root = json_root(file, content)
