@@ -1,7 +1,8 @@
 """Return and land: separate altitude layers, the landing order, and when vehicles leave the take-off layers.
 
 Returning vehicles first climb to their layers above all vehicles that still fly the mission, so their paths cross at
-different heights only. The lowest lands first; no vehicle descends while one below it is still flying home.
+different heights only. The lowest lands first; no vehicle descends while one below it is still flying home. Where it
+begins, a vehicle chooses the nearest of its places: its start, or a spot at a rally point, where nobody else lands.
 """
 
 from collections.abc import Collection, Iterable
@@ -61,6 +62,9 @@ class Homing:
         """Climb to the layer in place, then fly home in a straight line; without a home, stay."""
         if self._began_s is None:
             self._began_s, self._from_m = situation.now_s, situation.own.mean[POSITION].copy()
+            if self.returns:
+                x, y = self._from_m.tolist()
+                self._home_m = self._config.landing_place_m((x, y))
         risen = abs(situation.height_m - self._config.return_altitude_m) < HEIGHT_TOLERANCE_M
         if risen and situation.now_s - self._began_s > self._config.rising_s:
             self._rising = False
