@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from matplotlib.path import Path
 from shapely import Point, Polygon
 
-from agents.safety.fence import Area, Corner, RoundEdge, Fence
+from agents.safety.fence import Area, Corner, Fence, RoundEdge
 from agents.settings.sections import NoFlySection, SafetySettings
 from estimation.state import Vector
 
