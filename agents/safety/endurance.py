@@ -1,7 +1,7 @@
 """Whether the battery suffices for the flight home: the time that it takes, and the flight time that is left."""
 
 from collections import deque
-from math import hypot, inf
+from math import dist, hypot, inf
 
 from agents.settings.config import AgentConfig
 
@@ -29,7 +29,7 @@ def return_duration_s(
     the vehicle lands where it is.
     """
     x, y = place_m
-    home_x, home_y = config.landing_place_m(place_m) or place_m
+    home_x, home_y = min(config.landing_places_m, key=lambda spot_m: dist(spot_m, place_m), default=place_m)
     away_m = hypot(home_x - x, home_y - y)
     landing_s = max(height_m, config.return_altitude_m if away_m else height_m) / SINK_SLOWEST_M_S
     if away_m == 0.0:

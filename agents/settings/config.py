@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from math import dist, inf, pi
+from math import inf, pi
 
 from agents.settings.sections import (
     ChoreographySettings,
@@ -81,11 +81,10 @@ class AgentConfig:
     rings: tuple[RingConfig, ...] = ()
     ring: int = 0
 
-    def landing_place_m(self, place_m: tuple[float, float]) -> tuple[float, float] | None:
-        """Return the nearest from a place of where it takes off and its spots at rally points; None without a home."""
-        if self.home_m is None:
-            return None
-        return min((self.home_m, *self.rally_m), key=lambda spot_m: dist(spot_m, place_m))
+    @property
+    def landing_places_m(self) -> tuple[tuple[float, float], ...]:
+        """Where it may land: where it takes off and its spots at rally points; none without a home."""
+        return () if self.home_m is None else (self.home_m, *self.rally_m)
 
     def on_ring(self, ring: int) -> "AgentConfig":
         """Return the configuration of this vehicle on another of its mission's rings; it is this one with one ring."""

@@ -20,7 +20,7 @@ def rally_fits(
         return
     starts_m = [vehicle.start_m for _, vehicle in vehicles]
     taken = [(f"the start of vehicle {vehicle.id}", vehicle.start_m) for _, vehicle in vehicles]
-    _, high_m = heights_m([vehicle.altitude_m for _, vehicle in vehicles], None, layers)
+    _, high_m = heights_m([vehicle.altitude_m for _, vehicle in vehicles], len(vehicles), None, layers)
     zones = [zone for zone in map(NoFlyZone, safety.no_fly) if zone.floor_m <= high_m + ZONE_MARGIN_M]
     for k, rally in enumerate(safety.rally):
         key = f"safety.rally[{k}].place_m"

@@ -33,7 +33,7 @@ def zones_fit(
             zones.append((_shape_key(key, section), NoFlyZone(section)))
     if not vehicles:
         return
-    low_m, high_m = heights_m([each.altitude_m for _, each in vehicles], ring, layers)
+    low_m, high_m = heights_m([each.altitude_m for _, each in vehicles], len(vehicles), ring, layers)
     yield from _starts_outside(zones, vehicles, high_m)
     if ring is not None and target is not None:
         flown = [(key, zone) for key, zone in zones if zone.overlaps(low_m, high_m)]

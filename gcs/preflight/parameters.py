@@ -308,7 +308,7 @@ def fence_areas(facts: VehicleFacts, mission: Mission, vehicle: MissionVehicle) 
 
 
 def route(mission: Mission, vehicle: MissionVehicle) -> list[Place]:
-    """Return positions [m] of a vehicle in the mission in order of time: its line and the rings, then rally points; or its box."""
+    """Return positions [m] of a vehicle in the mission: its line and the rings, then its rally points; or its box."""
     start_x, start_y = vehicle.section.start_m
     if mission.excites:
         return [(start_x, start_y), *mission.safety.fence_m]

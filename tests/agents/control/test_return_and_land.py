@@ -25,7 +25,7 @@ CLIMB_M_S = 1.0
 SINK_M_S = 0.5
 LAYER_M = 3.0
 HOMES = {1: (0.0, 4.0), 2: (0.0, 0.0), 3: (0.0, -4.0)}
-RETURN = {"layer_m": LAYER_M, "landing": "return"}
+RETURN: dict[str, Any] = {"layer_m": LAYER_M, "landing": "return"}
 MakeConfig = Callable[..., AgentConfig]
 
 
