@@ -90,7 +90,10 @@ def import_zones(
 class PlanOptions:
     """Options of `cordon zones export`, without mission and file."""
 
-    vehicle: Annotated[int | None, Parameter(help="With the fence of this vehicle, if it has its own.")] = None
+    vehicle: Annotated[
+        int | None,
+        Parameter(help="The plan for this vehicle: its own fence, if it has one, and its spots at the rally points."),
+    ] = None
 
 
 _EXPORT_DEFAULTS = PlanOptions()
@@ -104,7 +107,7 @@ def export_zones(
     *,
     options: PlanOptions = _EXPORT_DEFAULTS,
 ) -> Exit:
-    """Write a mission's fence and no-fly zones as a plan, for QGroundControl to upload to the autopilots.
+    """Write a mission's fence, no-fly zones and rally points as a plan, for QGroundControl to upload to the autopilots.
 
     Example: cordon zones export my.toml my.plan
     """
@@ -123,6 +126,8 @@ def export_zones(
         written.write(plan_text(flown, vehicle).encode())
     if limited := [zone.name for zone in flown.safety.no_fly if zone.floor_m is not None or zone.ceiling_m is not None]:
         print_line(f"a plan has no heights: {', '.join(limited)} closed from the ground up", "yellow")
+    if flown.safety.rally and vehicle is None:
+        print_line("without rally points: each vehicle has its own spots there; next: --vehicle ID", "yellow")
     print_line(f"written: {file}; next: open it in QGroundControl, and upload it to each vehicle")
     return Exit.HOLDS
 
@@ -167,7 +172,7 @@ def _summary(file: Path, drawing: "DrawnField", layout: "Layout") -> list[str]:
     if layout.fence is not None:
         lines.append(f"fence '{layout.fence.name}': {_extent(layout.fence)}")
     lines += [f"no-fly zone '{zone.name}': {_extent(zone)}{_heights(zone)}" for zone in layout.zones]
-    lines += [f"rally point '{point.name}': missions have none yet" for point in layout.points]
+    lines += [f"rally point '{point.name}'" for point in layout.points]
     return [*lines, *(f"not taken: {each}" for each in layout.left_out)]
 
 

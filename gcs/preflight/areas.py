@@ -1,7 +1,7 @@
 """The geofence on an autopilot compared with the mission's fence and no-fly zones: it is what acts without cordon."""
 
 from collections.abc import Iterator, Mapping, Sequence
-from math import cos, hypot, sin, tau
+from math import cos, dist, hypot, sin, tau
 
 from agents.safety.fence import Fence
 from estimation.vectors import Pair
@@ -43,6 +43,27 @@ def areas_compared(facts: VehicleFacts, mission: Mission, vehicle: MissionVehicl
     found = f"geofence on the autopilot: {'; '.join(differences)}" if differences else same
     grade = Grade.WARNING if differences else Grade.PASS
     yield Finding.graded(grade, facts.vehicle_id, _CHECK, found, _WHY, _STEP)
+
+
+def rally_compared(facts: VehicleFacts, mission: Mission, vehicle: MissionVehicle) -> Iterator[Finding]:
+    """Compare the rally points on an autopilot with the vehicle's spots at the mission's."""
+    check, why = "rally points compared", "the autopilot's own return leads to the nearest of its rally points"
+    step = "upload the vehicle's with a ground station (cordon zones export --vehicle), or clear them"
+    if facts.rally_m is None:
+        if mission.safety.rally:
+            found = "rally points could not be downloaded"
+            yield Finding(Grade.WARNING, facts.vehicle_id, check, found, why, "check the link")
+        return
+    spots_m = mission.rally_m(vehicle)
+    if not (spots_m or facts.rally_m):
+        return
+    others = [place for place in facts.rally_m if all(dist(place, spot) > SAME_M for spot in spots_m)]
+    held = sum(any(dist(place, spot) <= SAME_M for place in facts.rally_m) for spot in spots_m)
+    found = f"rally points on the autopilot: it holds {held} of the vehicle's {len(spots_m)}"
+    if others:
+        x, y = others[0]
+        found += f", and {len(others)} that are not its own, for example at ({x:.0f}, {y:.0f})"
+    yield Finding.graded(Grade.WARNING if others else Grade.PASS, facts.vehicle_id, check, found, why, step)
 
 
 def _differences(wanted: Mapping[str, FenceArea], areas: Sequence[FenceArea]) -> list[str]:

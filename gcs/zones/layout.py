@@ -8,7 +8,7 @@ from math import cos, degrees, dist, hypot, pi, radians, remainder, sin, tau
 from unicodedata import normalize
 
 from agents.safety.fence import Fence
-from agents.settings.sections import CORNERS_MAX, ZONES_MAX
+from agents.settings.sections import CORNERS_MAX, RALLY_MAX, ZONES_MAX
 from estimation.frames import Geodetic, MissionFrame
 from estimation.vectors import Pair
 from gcs.errors import InputError, KeyFault
@@ -89,6 +89,12 @@ def laid_out(drawing: DrawnField, frame: MissionFrame, fence: str | None = None)
     if not (bounds or zones or points):
         reason = f"nothing of it is within {FAR_M / 1000.0:g} km of the mission's origin{_origin_text(frame)}"
         raise InputError([KeyFault(drawing.file, f"{reason}: are latitude and longitude in their order?")])
+    if len(points) > RALLY_MAX:
+        raise InputError(
+            [KeyFault(drawing.file, f"a mission has at most {RALLY_MAX} rally points (given: {len(points)})")]
+        )
+    if any(each.altitude_m for each in points):
+        left_out.append("heights of rally points: vehicles return in their layers")
     if len(zones) > ZONES_MAX:
         reason = f"a mission has at most {ZONES_MAX} no-fly zones (given: {len(zones)} within {FAR_M / 1000.0:g} km)"
         raise InputError([KeyFault(drawing.file, reason)])

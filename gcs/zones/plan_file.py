@@ -52,7 +52,7 @@ def plan_drawing(root: JsonNode) -> DrawnField:
 
 
 def plan_text(mission: Mission, vehicle: MissionVehicle | None = None) -> str:
-    """Return a mission's fence and zones as a plan without mission items, of a vehicle with a fence of its own.
+    """Return a mission's fence and zones as a plan without mission items; of a vehicle with its own fence and spots.
 
     Plans have no heights: a zone is closed at all of them. Raises ValueError in a local frame.
     """
@@ -65,6 +65,7 @@ def plan_text(mission: Mission, vehicle: MissionVehicle | None = None) -> str:
             circles.append({"circle": circle, "inclusion": False, "version": _OF_ONE_AREA})
         else:
             polygons.append(_plan_polygon(frame, zone.polygon_m, inclusion=False))
+    points = [] if vehicle is None else _plan_points(mission, vehicle)
     home = [mission.frame.latitude_deg, mission.frame.longitude_deg, mission.frame.altitude_m]
     return json.dumps(
         {
@@ -81,11 +82,17 @@ def plan_text(mission: Mission, vehicle: MissionVehicle | None = None) -> str:
                 "vehicleType": 2,
                 "version": 2,
             },
-            "rallyPoints": {"points": [], "version": _VERSIONS["rallyPoints"]},
+            "rallyPoints": {"points": points, "version": _VERSIONS["rallyPoints"]},
             "version": _VERSIONS[""],
         },
         indent=4,
     )
+
+
+def _plan_points(mission: Mission, vehicle: MissionVehicle) -> list[list[float]]:
+    """Return a vehicle's spots at the rally points, at the height of its layer on the way home."""
+    height_m = mission.agent_config(vehicle).return_altitude_m
+    return [[*_plan_place(mission.mission_frame(), spot), height_m] for spot in mission.rally_m(vehicle)]
 
 
 def _plan_polygon(frame: MissionFrame, corners_m: tuple[Pair, ...], *, inclusion: bool) -> dict[str, object]:

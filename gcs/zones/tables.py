@@ -42,6 +42,8 @@ def _arrays(layout: Layout) -> Iterator[str]:
         heights = (("floor_m", zone.floor_m), ("ceiling_m", zone.ceiling_m))
         limits = "".join(f"{key} = {value!r}\n" for key, value in heights if value is not None)
         yield f'[[safety.no_fly]]\nname = "{zone.name}"\n{shape}{limits}'
+    for point in layout.points:
+        yield f'[[safety.rally]]\nname = "{point.name}"\nplace_m = {_place(point.place_m)}\n'
 
 
 def _with_fence(text: str, fence: GroundArea) -> str:

@@ -13,7 +13,7 @@ from msgspec import structs
 from rich.console import Console
 
 from agents.ports import FlightMode, VehicleStatus
-from agents.settings.sections import NoFlySection
+from agents.settings.sections import NoFlySection, RallySection
 from gcs.autopilots import ardupilot, px4, registry
 from gcs.autopilots.autopilot import STUB_UID
 from gcs.autopilots.px4 import SITL_UID
@@ -697,6 +697,28 @@ def test_the_areas_are_compared_with_the_missions(subtests: pytest.Subtests) -> 
         with subtests.test(areas=areas, grade=grade, words=words):
             findings = preflight(mission, [well(1, fence_areas=areas)])
             told = [each for each in findings if each.check == "geofence compared"]
+            assert [each.grade.value for each in told] == ([] if grade is None else [grade])
+            assert facts_missing("".join(each.found for each in told), *words) == []
+
+
+def test_the_rally_points_are_compared_with_the_missions(subtests: pytest.Subtests) -> None:
+    """Vehicle 1 starts 4 m left of the middle of the team."""
+    rally = (RallySection(name="hill", place_m=(30.0, 20.0)), RallySection(name="road", place_m=(60.0, 20.0)))
+    ready = replace(CASE2, safety=CASE2.safety.model_copy(update={"rally": rally}))
+    for mission, points, grade, words in (
+        (ready, ((30.0, 24.0), (60.5, 24.5)), "pass", ("2 of the vehicle's 2",)),
+        (ready, ((60.0, 24.0),), "pass", ("1 of the vehicle's 2",)),
+        (ready, (), "pass", ("0 of the vehicle's 2",)),
+        (ready, ((30.0, 20.0), (60.0, 24.0)), "warning", ("1 of the vehicle's 2", "(30, 20)")),
+        (ready, None, "warning", ("could not be downloaded",)),
+        (CASE2, ((30.0, 20.0),), "warning", ("(30, 20)",)),
+        (CASE2, (), None, ()),
+        (CASE2, None, None, ()),
+    ):
+        with subtests.test(points=points, grade=grade, words=words):
+            told = [
+                each for each in preflight(mission, [well(1, rally_m=points)]) if each.check == "rally points compared"
+            ]
             assert [each.grade.value for each in told] == ([] if grade is None else [grade])
             assert facts_missing("".join(each.found for each in told), *words) == []
 

@@ -72,7 +72,7 @@ def test_a_field_is_the_same_in_all_formats(tmp_path: Path) -> None:
     assert json_layout.points[0].name == "north-corner"
     assert [(zone.name, zone.ceiling_m) for zone in kml_layout.zones] == [("Hauser", 40.5), ("Feld-Wald-inner-1", None)]
     assert_same(kml_layout.zones[1].corners_m, HOUSE_M)
-    assert plan_layout.left_out == ("2 mission items",)
+    assert plan_layout.left_out == ("2 mission items", "heights of rally points: vehicles return in their layers")
     assert json_layout.left_out == ("1 LineString",)
     assert kml_layout.left_out == ("1 Point",)
 
@@ -119,17 +119,20 @@ def test_the_mission_keeps_its_text_but_for_fence_and_zones(tmp_path: Path) -> N
         assert {line for line in text.splitlines() if line.startswith("#")} <= set(after.splitlines()), name
         before, now = tomllib.loads(text), tomllib.loads(after)
         assert {**now, "safety": {}} == {**before, "safety": {}}, name
-        others = {key: value for key, value in now["safety"].items() if key not in ("fence_m", "no_fly")}
+        others = {key: value for key, value in now["safety"].items() if key not in ("fence_m", "no_fly", "rally")}
         assert others == {key: value for key, value in before.get("safety", {}).items() if key != "fence_m"}, name
         assert now["safety"]["fence_m"] == corners, name
         mission = parse_mission(after, None)
+        (rally,) = mission.safety.rally
+        assert rally.name == "north-corner"
+        assert_same((rally.place_m,), (RALLY_M,))
         house, mast = mission.safety.no_fly
         assert (house.name, house.floor_m, house.ceiling_m) == ("house", 2.0, 40.5)
         assert_same(house.polygon_m, HOUSE_M)
         assert mast.center_m is not None
         assert_same((mast.center_m,), (MAST_M,))
         assert tomllib.loads(tables_text(field))["safety"] == {
-            key: now["safety"][key] for key in ("fence_m", "no_fly")
+            key: now["safety"][key] for key in ("fence_m", "no_fly", "rally")
         }, name
     with pytest.raises(InputError, match="by hand"):
         with_layout(CASE2.replace("[safety]\n", "[safety]\nno_fly = []\n"), field)
@@ -151,6 +154,10 @@ def test_an_exported_plan_is_read_as_the_mission_has_it(
     assert_same(house.corners_m, HOUSE_M)
     assert_same(mast.corners_m, (MAST_M,))
     assert mast.radius_m == MAST_RADIUS_M
+    assert (again.points, facts_missing(err, "--vehicle ID")) == ((), [])
+    assert run_here("zones", "export", "my.toml", "1.plan", "--vehicle", "1")[0] == 0
+    (spot,) = laid_out(read_drawing(Path("1.plan")), FRAME).points
+    assert_same((spot.place_m,), ((RALLY_M[0], RALLY_M[1] + 4.0),))
     code, _, err = run_here("zones", "export", "my.toml", "out.plan")
     assert (code, "exists" in err) == (2, True)
 
@@ -261,7 +268,11 @@ def test_the_command_writes_a_mission_and_says_what_it_took(
     Path("f.plan").write_text(plan(), encoding="utf-8")
     code, out, err = run_here("zones", "import", "f.plan", "--mission", "case2", "--out", "my.toml", "--json")
     found = json.loads(out)
-    assert (code, found["written"], found["not_taken"]) == (0, "my.toml", ["2 mission items"])
+    assert (code, found["written"], found["not_taken"]) == (
+        0,
+        "my.toml",
+        ["2 mission items", "heights of rally points: vehicles return in their layers"],
+    )
     assert found["fence"]["area_m2"] == pytest.approx(area_m2(FENCE_M), rel=1e-3)
     assert (
         facts_missing(err, "f.plan: QGroundControl plan", "'zone-3': circle of 15.5 m, 755 m²", "2 mission items") == []
