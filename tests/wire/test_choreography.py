@@ -117,20 +117,20 @@ place_m = [-12.0, 3.0]
 
 [[safety.rally]]
 name = "east"
-place_m = [9.0, -3.0]
+place_m = [6.0, 2.0]
 
 [safety]"""
 
 
 async def test_a_team_lands_at_its_spots_of_the_nearest_rally_point(mission_file: Callable[..., str]) -> None:
-    """After 36 s at 0.2 m/s along x vehicles are 7 m from their starts, where y is 4 and 0, and nearer to the east."""
+    """After 20 s at 0.2 m/s along x vehicles are 4 m from their starts, where y is 4 and 0, and 2 m from the east."""
     mission = load_mission(with_first_vehicles(mission_file("case2", LOW, ("[safety]", RALLY)), 2))
-    async with served(stub_configs(mission), 20.0) as stubs:
-        plan = FlightPlan(mission, 36.0, mission.vehicles, speed=None, clock=stubs.clock.name)
+    async with served(stub_configs(mission), 10.0) as stubs:
+        plan = FlightPlan(mission, 20.0, mission.vehicles, speed=None, clock=stubs.clock.name)
         flight = await fly(plan, unseen_view())
         assert [outcome.how for outcome in flight.outcomes.values()] == [FlightEnd.LANDED] * 2
         landed = {i: vehicle.airframe.position_m for i, vehicle in stubs.vehicles.items()}
-    for vehicle_id, spot in ((1, (9.0, -1.0)), (2, (9.0, -5.0))):
+    for vehicle_id, spot in ((1, (6.0, 4.0)), (2, (6.0, 0.0))):
         assert dist(landed[vehicle_id][:2], spot) < ARRIVED_M, landed
         assert landed[vehicle_id][2] == pytest.approx(0.0, abs=0.1)
 
