@@ -8,6 +8,7 @@ enters a zone, or if less than 95 % of the feasible missions complete.
 """
 
 import sys
+from collections.abc import Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from math import ceil, cos, hypot, inf, pi, sin
@@ -262,14 +263,8 @@ def _turned_rad(mission: Mission, record: FlightRecord, row: int) -> float:
     return float(abs(np.ptp(np.unwrap(np.arctan2(near[:, 1], near[:, 0]))))) if len(near) else 0.0
 
 
-def main(count: int, first: int) -> int:
-    """Fly a number of maps, from the seed `first` on, on all cores, and print the table."""
-    with ProcessPoolExecutor() as pool:
-        flights = []
-        for flight in pool.map(fly, range(first, first + count)):
-            flights.append(flight)
-            if not flight.complete:
-                print(flight, file=sys.stderr, flush=True)
+def table(flights: Sequence[Flown]) -> tuple[str, bool]:
+    """Return the table of flights, and whether they hold what is wanted of them."""
     flown = [each for each in flights if not each.refused]
     feasible = [each for each in flights if each.feasible]
     complete = [each for each in feasible if each.complete]
@@ -290,10 +285,22 @@ def main(count: int, first: int) -> int:
         ("infeasible by the grid search, and flown", sum(each.feasible is False for each in flown), ""),
         ("about a moving target", len(moving), f"{sum(each.complete for each in moving)} complete"),
     ]
-    print("| | | |\n|---|---|---|")
-    print(*(f"| {what} | {value} | {note} |" for what, value, note in rows), sep="\n")
-    failed = any(each.entered for each in flown) or len(complete) < ceil(LEAST_SHARE * len(feasible))
-    return int(failed)
+    lines = ["| | | |", "|---|---|---|", *(f"| {what} | {value} | {note} |" for what, value, note in rows)]
+    holds = not any(each.entered for each in flown) and len(complete) >= ceil(LEAST_SHARE * len(feasible))
+    return "\n".join(lines), holds
+
+
+def main(count: int, first: int) -> int:
+    """Fly a number of maps, from the seed `first` on, on all cores, and print the table."""
+    with ProcessPoolExecutor() as pool:
+        flights = []
+        for flight in pool.map(fly, range(first, first + count)):
+            flights.append(flight)
+            if not flight.complete:
+                print(flight, file=sys.stderr, flush=True)
+    text, holds = table(flights)
+    print(text)
+    return 0 if holds else 1
 
 
 if __name__ == "__main__":
