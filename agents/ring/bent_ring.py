@@ -16,7 +16,7 @@ import numpy as np
 from agents.ring.detour import MARGIN_M
 from agents.ring.feasibility import RESERVE
 from agents.ring.place import chord_m
-from agents.safety.routes import passing_room_m, shapes_of
+from agents.safety.routes import passing_room_m, shapes_of, wider
 from agents.settings.sections import EncirclementSettings, NoFlySection, SafetySettings
 from estimation.state import Vector
 from estimation.vectors import Pair
@@ -79,8 +79,7 @@ class Bender:
         self._radius_m, self._rate_rad_s = ring.radius_m, abs(ring.angular_rate_rad_s)
         room_m = passing_room_m(_FASTER * self._rate_rad_s * ring.radius_m, safety)
         self._shapes = shapes_of(zones, room_m)
-        self._fences = [NoFlySection(name="fence", polygon_m=safety.fence_m)] if safety.fence_m else []
-        self._fence_shapes = shapes_of(self._fences, -room_m)
+        self._fence_shapes = wider(safety.fence_m, -room_m) if safety.fence_m else None
         self._speed_m_s = RESERVE * min(ring.speed_max_m_s, safety.speed_max_m_s)
         most_m_s2 = min(ring.acceleration_max_m_s2, safety.acceleration_max_m_s2)
         self._acceleration_m_s2 = most_m_s2
@@ -161,7 +160,7 @@ class Bender:
 
     def _reach_m(self, centre_m: Pair) -> Vector:
         """Return the distance of the fence, less the room, at each bearing."""
-        if not self._fences:
+        if self._fence_shapes is None:
             return np.full(BEARINGS, inf)
         for corners_m in self._fence_shapes:
             least_m, _, crossings = _crossed(corners_m, centre_m)
