@@ -65,41 +65,51 @@ def flown_zones(config: AgentConfig) -> tuple[NoFlySection, ...]:
     highest_m = config.altitude_m if config.layers_from_m is None else config.layers_from_m
     altitudes_m = (config.lowest_m, max(highest_m, config.lowest_m))
     low_m, high_m = heights_m(altitudes_m, len(config.slots), config.encirclement, config.choreography)
+    return zones_between(config.safety, low_m, high_m)
+
+
+def zones_between(safety: SafetySettings, low_m: float, high_m: float) -> tuple[NoFlySection, ...]:
+    """Return the zones that are closed at a height between two, or too near to one of them."""
     return tuple([
-        each
-        for each in config.safety.no_fly
-        if NoFlyZone(each).overlaps(low_m - ZONE_MARGIN_M, high_m + ZONE_MARGIN_M)
+        each for each in safety.no_fly if NoFlyZone(each).overlaps(low_m - ZONE_MARGIN_M, high_m + ZONE_MARGIN_M)
     ])  # fmt: skip
 
 
 def routes_of(config: AgentConfig, speed_m_s: float) -> "Routes | None":
     """Return the ways of a vehicle at a speed; None if no zone is in its way, so that all are straight."""
     zones = flown_zones(config)
-    return _routes(zones, config.safety.fence_m, passing_room_m(speed_m_s, config.safety)) if zones else None
+    return routes_between(zones, config.safety.fence_m, passing_room_m(speed_m_s, config.safety)) if zones else None
 
 
 @lru_cache(maxsize=64)
-def _routes(zones: tuple[NoFlySection, ...], fence_m: tuple[Pair, ...], room_m: float) -> "Routes":
+def routes_between(zones: tuple[NoFlySection, ...], fence_m: tuple[Pair, ...], room_m: float) -> "Routes":
+    """Return the ways around zones and inside a fence (empty: none), with so much room."""
     return Routes(zones, fence_m, room_m)
 
 
 def shapes_of(zones: Sequence[NoFlySection], room_m: float) -> list[Vector]:
-    """Return the corners (n, 2) of zones that are wider by some room, of a negative one narrower."""
+    """Return the corners (n, 2) of zones that are wider by some room; their edges keep it as well."""
     import shapely  # noqa: PLC0415
 
     shapes = list[Vector]()
     for each in zones:
         if each.center_m is None or each.radius_m is None:
-            # The chords of the arcs keep the room as well.
-            wide_m = room_m / cos(pi / (4.0 * _ARC_PARTS)) if room_m > 0.0 else room_m
-            shape = shapely.Polygon(each.polygon_m).buffer(wide_m, quad_segs=_ARC_PARTS)
+            shapes += wider(each.polygon_m, room_m)
         else:
             wide_m = (each.radius_m + room_m) / cos(pi / (8.0 * _ARC_PARTS))
             shape = shapely.Point(each.center_m).buffer(wide_m, quad_segs=2 * _ARC_PARTS)
-        for part in shapely.get_parts(shape):
-            if not part.is_empty:
-                shapes.append(np.asarray(shapely.get_coordinates(part.exterior)[:-1], dtype=np.float64))
+            shapes.append(np.asarray(shapely.get_coordinates(shape)[:-1], dtype=np.float64))
     return shapes
+
+
+def wider(corners_m: Sequence[Pair], room_m: float) -> list[Vector]:
+    """Return the corners (n, 2) of a polygon that is wider by some room; a narrower one may have several parts."""
+    import shapely  # noqa: PLC0415
+
+    wide_m = room_m / cos(pi / (4.0 * _ARC_PARTS)) if room_m > 0.0 else room_m
+    parts = shapely.get_parts(shapely.Polygon(corners_m).buffer(wide_m, quad_segs=_ARC_PARTS)).tolist()
+    corners = [shapely.get_coordinates(part.exterior)[:-1] for part in parts if not part.is_empty]
+    return [np.asarray(each, dtype=np.float64) for each in corners]
 
 
 class Routes:
@@ -109,6 +119,7 @@ class Routes:
         import shapely  # noqa: PLC0415 - slow to import, and only missions with zones need it
 
         self._shapely: Any = shapely
+        self._zones, self._fence_m = tuple(zones), tuple(fence_m)
         shapes = [shapely.Polygon(each) for each in shapes_of(zones, room_m)]
         world = (
             shapely.Polygon(fence_m).buffer(-room_m)
@@ -127,6 +138,11 @@ class Routes:
         self._lengths: Vector = np.full((count, count), inf)
         away = self._corners[first] - self._corners[second]
         self._lengths[first, second] = self._lengths[second, first] = np.where(sees, np.hypot(*away.T), inf)
+
+    @property
+    def narrow(self) -> "Routes":
+        """The ways with the least room, which may lead where there is none with more: there the guard slows down."""
+        return routes_between(self._zones, self._fence_m, ZONE_MARGIN_M)
 
     def is_free(self, place_m: Pair) -> bool:
         """Return whether a place has the room."""
@@ -204,6 +220,7 @@ class Way:
         self.routes: Final = routes
         self._goals_m: tuple[Pair, ...] = ()
         self._places_m: list[Pair] = []
+        self._found_in = routes
         self.length_m = 0.0
 
     def reset(self) -> None:
@@ -220,10 +237,15 @@ class Way:
         places = self._places_m
         while len(places) > 1 and dist(here_m, places[0]) < REACHED_M:
             places.pop(0)
-        if len(places) > 1 and self.routes.is_free(here_m) and not self.routes.is_straight(here_m, places[0]):
+        found_in = self._found_in
+        if len(places) > 1 and found_in.is_free(here_m) and not found_in.is_straight(here_m, places[0]):
             self._find(here_m, goals_m)
         return self._places_m[0] if self._places_m else here_m
 
     def _find(self, here_m: Pair, goals_m: tuple[Pair, ...]) -> None:
-        self._goals_m, self._places_m = goals_m, list(self.routes.way_m(here_m, goals_m))
+        self._goals_m, self._found_in = goals_m, self.routes
+        self._places_m = list(self.routes.way_m(here_m, goals_m))
+        if not self._places_m:
+            self._found_in = self.routes.narrow
+            self._places_m = list(self._found_in.way_m(here_m, goals_m))
         self.length_m = sum(map(dist, [here_m, *self._places_m], self._places_m))

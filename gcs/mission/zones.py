@@ -3,8 +3,10 @@
 from collections.abc import Iterator, Sequence
 from math import cos, sin, tau
 
+from agents.ring.bent_ring import Bender, waiting_places_m
+from agents.ring.place import even_places
 from agents.safety.fence import NoFlyZone
-from agents.safety.routes import ZONE_MARGIN_M, heights_m
+from agents.safety.routes import ZONE_MARGIN_M, heights_m, routes_between, zones_between
 from agents.settings.sections import ChoreographySettings, EncirclementSettings, NoFlySection, SafetySettings
 from gcs.errors import KeyFault
 from gcs.mission.geometry import IndexedVehicles, at, sound
@@ -19,6 +21,7 @@ def zones_fit(
     ring: EncirclementSettings | None,
     target: TargetSection | None,
     layers: ChoreographySettings | None,
+    places: int,
 ) -> Iterator[KeyFault]:
     """Check every zone: its polygon, its name, and that no take-off place, target or whole ring lies in it."""
     names = [each.name for each in safety.no_fly]
@@ -33,11 +36,47 @@ def zones_fit(
             zones.append((_shape_key(key, section), NoFlyZone(section)))
     if not vehicles:
         return
-    low_m, high_m = heights_m([each.altitude_m for _, each in vehicles], len(vehicles), ring, layers)
+    sections = [vehicle for _, vehicle in vehicles]
+    low_m, high_m = heights_m([each.altitude_m for each in sections], len(sections), ring, layers)
     yield from _starts_outside(zones, vehicles, high_m)
-    if ring is not None and target is not None:
-        flown = [(key, zone) for key, zone in zones if zone.overlaps(low_m, high_m)]
-        yield from _target_outside(flown, ring, target)
+    flown = zones_between(safety, low_m, high_m)
+    if ring is None or target is None or not flown:
+        return
+    closed = {each.name for each in flown}
+    faults = list(_target_outside([each for each in zones if each[1].name in closed], ring, target))
+    yield from faults
+    if not faults and len(zones) == len(safety.no_fly) and target.has_planned_path and not target.speed_max_m_s:
+        weights = [each.gap for each in sections]
+        room_for = even_places(weights) if places == len(weights) else float(places)
+        yield from _flyable(safety, flown, vehicles, ring, target, room_for)
+
+
+def _flyable(
+    safety: SafetySettings,
+    zones: tuple[NoFlySection, ...],
+    vehicles: IndexedVehicles,
+    ring: EncirclementSettings,
+    target: TargetSection,
+    places: float,
+) -> Iterator[KeyFault]:
+    """Check that the ring about a target at rest can bend around zones, and that every vehicle can fly there."""
+    names = ", ".join(f"'{each.name}'" for each in zones)
+    bend = Bender(zones, ring, safety, places).bend(target.start_m)
+    if bend is None:
+        yield KeyFault(
+            "safety.no_fly",
+            f"the ring of {ring.radius_m} m about the target cannot bend around {names}: no way inside or outside of "
+            "them keeps encirclement.speed_max_m_s, encirclement.acceleration_max_m_s2, safety.separation_m, "
+            "safety.keep_out_m and safety.fence_m; change the ring's radius or rate",
+        )
+        return
+    on_ring = waiting_places_m(target.start_m, ring.radius_m, 0.0, bend)
+    for i, vehicle in vehicles:
+        limits = vehicle.limits(safety)
+        routes = routes_between(zones, limits.fence_m, ZONE_MARGIN_M)
+        if not routes.way_m(vehicle.start_m, on_ring):
+            reason = f"no way leads from {at(vehicle.start_m)} to the ring around {names}"
+            yield KeyFault(f"vehicles[{i}].start_m", reason)
 
 
 def _shape_key(key: str, section: NoFlySection) -> str:
