@@ -14,6 +14,8 @@ CORNERS_MAX = 256
 """Maximum of a fence or a zone: the guard evaluates every edge in every tick."""
 ZONES_MAX = 32
 """Maximum number of no-fly zones."""
+RALLY_MAX = 8
+"""Maximum number of rally points."""
 
 
 def pair(value: object) -> object:
@@ -170,6 +172,17 @@ class NoFlySection(Settings):
         return self
 
 
+class RallySection(Settings):
+    """`[[safety.rally]]`: a place where the team can land (docs/zones.md#rally-points). Each vehicle has its spot about
+    it, as starts lie about their middle.
+    """
+
+    name: str = Field(min_length=1, max_length=24, pattern=NAME_PATTERN, description="name of the place")
+    place_m: Annotated[tuple[_Metre, _Metre], BeforeValidator(pair)] = Field(
+        description="middle of the vehicles' spots, x and y"
+    )
+
+
 class SafetySection(Settings):
     """`[safety]`: limits that the guard keeps in every tactic (docs/safety.md)."""
 
@@ -182,6 +195,9 @@ class SafetySection(Settings):
     fence_m: Fence = Field((), description="corners of the fence, x and y each; empty: none")
     no_fly: Annotated[tuple[NoFlySection, ...], Field(max_length=ZONES_MAX), BeforeValidator(pair)] = Field(
         (), description="zones of `[[safety.no_fly]]`"
+    )
+    rally: Annotated[tuple[RallySection, ...], Field(max_length=RALLY_MAX), BeforeValidator(pair)] = Field(
+        (), description="places of `[[safety.rally]]`"
     )
     altitude_min_m: float | None = Field(None, ge=-500.0, le=9000.0, description="least altitude above the origin")
     altitude_max_m: float | None = Field(None, ge=-500.0, le=9000.0, description="largest altitude above the origin")

@@ -37,6 +37,7 @@ from gcs.mission.mission import (
     TargetSection,
     VehicleSection,
 )
+from gcs.mission.rally import rally_fits
 from gcs.mission.stability import kept_up
 from gcs.mission.zones import zones_fit
 
@@ -162,6 +163,7 @@ def _inside_limits(
     yield from follows_fit(vehicles, safety, ring, target)
     yield from fence_fits(safety, vehicles, ring, target, sections.get("mission"))
     yield from zones_fit(safety, vehicles, ring, target, sections.get("choreography"), places)
+    yield from rally_fits(safety, vehicles, sections.get("choreography"))
 
 
 def _exclusive_part(url: str) -> str:

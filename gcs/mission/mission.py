@@ -30,6 +30,7 @@ from estimation.plant.model import Plant
 from estimation.profile.autopilots import DEFAULT, AutopilotName
 from estimation.profile.profile import Profile
 from estimation.settings import OwnFilterSettings, Settings, TargetBehaviour, TargetFilterSettings
+from estimation.vectors import Pair
 from gcs.autopilots.registry import autopilot_of
 from gcs.mission.overrides import overridden, places
 from sitl.reacting_target import Evasion
@@ -408,6 +409,12 @@ def lowest_between_m(vehicles: Sequence[VehicleSection], safety: SafetySettings)
     return max(low, default=None), min(high, default=None)
 
 
+def rally_spot_m(start_m: Pair, starts_m: Sequence[Pair], place_m: Pair) -> Pair:
+    """Return a vehicle's spot [m] at a rally point: from there as far as its start is from the middle of all starts."""
+    x, y = (start_m[axis] - sum(each[axis] for each in starts_m) / len(starts_m) + place_m[axis] for axis in (0, 1))
+    return x, y
+
+
 @dataclass(frozen=True, slots=True)
 class MissionVehicle:
     """A vehicle of the mission with its profile: the plant its controller assumes, and the one a simulation flies.
@@ -548,6 +555,11 @@ class Mission:
             origin = Geodetic(frame.latitude_deg, frame.longitude_deg, frame.altitude_m)
         return MissionFrame(origin, radians(frame.x_bearing_deg))
 
+    def rally_m(self, vehicle: MissionVehicle) -> tuple[Pair, ...]:
+        """Return a vehicle's spots at the rally points [m]."""
+        starts_m = [each.section.start_m for each in self.vehicles]
+        return tuple(rally_spot_m(vehicle.section.start_m, starts_m, each.place_m) for each in self.safety.rally)
+
     def agent_config(self, vehicle: MissionVehicle) -> AgentConfig:
         """Return the configuration of one vehicle's agent."""
         return AgentConfig(
@@ -567,6 +579,7 @@ class Mission:
             target_filter=self.target_filter,
             choreography=self.choreography,
             home_m=vehicle.section.start_m,
+            rally_m=() if self.excites else self.rally_m(vehicle),
             layers_from_m=max(each.section.altitude_m for each in self.vehicles),
             altitude_lowest_m=min(each.section.altitude_m for each in self.vehicles),
             lowest_between_m=lowest_between_m([each.section for each in self.vehicles], self.safety),
