@@ -5,14 +5,14 @@ recorded flight is a `FlightPicture`: the same in one object. Unknown values are
 mission frame: x, y, and the height above the mission's origin.
 """
 
-from typing import Literal
+from typing import Annotated, Literal
 
 import msgspec
 from msgspec import UNSET, UnsetType
 
 from agents.ring.commanded_ring import RingBounds
 from agents.settings.sections import EncirclementSettings
-from agents.team.messages import RingNumber, RingValues
+from agents.team.messages import TARGETS_MAX, RingNumber, RingValues
 from agents.team.verbs import VERBS, Verb, VerbRow
 from estimation.frames import Triple
 from gcs.console.advice import Severity
@@ -23,6 +23,8 @@ from gcs.style import COLOURS
 
 FlightSource = Literal["flight", "sitl", "hybrid", "bench", "simulation", "log", "unstated"]
 """The kind of the vehicles; "unstated" if it is not known whether real ones fly."""
+SIGHTING_LASTS_MAX_S = 60.0
+"""A page repeats a report of the target for this time at most."""
 
 
 class _Picture(msgspec.Struct, frozen=True, tag_field="kind", omit_defaults=False):
@@ -40,11 +42,15 @@ class PlannedVehicle(msgspec.Struct, frozen=True):
 
 
 class OperatorRights(msgspec.Struct, frozen=True):
-    """The operator of this page and the permitted verbs; none for a read-only page, with the reason as a clause."""
+    """The operator of this page and the permitted verbs; none for a read-only page, with the reason as a clause.
+
+    `sights` is whether this computer has a sensor's keys, with which the page reports where the target is.
+    """
 
     name: str = ""
     may: tuple[Verb, ...] = ()
     read_only: str = ""
+    sights: bool = False
 
 
 class TilesPicture(msgspec.Struct, frozen=True):
@@ -167,11 +173,11 @@ class EventPicture(_Picture, frozen=True, tag="event"):
 class AnswerPicture(_Picture, frozen=True, tag="answer"):
     """An answer to a command of this page, `after_s` its first transmission; final for the vehicle if `is_final`.
 
-    A refusal of the server itself has vehicle None.
+    A refusal of the server itself has vehicle None, and so have the answers to a report of the target.
     """
 
     request: str
-    verb: Verb
+    verb: Verb | Literal["target"]
     vehicle_id: int | None
     did: str
     after_s: float
@@ -208,6 +214,24 @@ class CommandRequest(msgspec.Struct, frozen=True, tag_field="kind", tag="command
     overrides_pilot: bool = False
     ring: RingValues | None = None
     ring_number: RingNumber | None = None
+
+
+class SightingRequest(msgspec.Struct, frozen=True, tag_field="kind", tag="sighting", forbid_unknown_fields=True):
+    """An operator's report from a page of where the target is, with the standard deviation of the position.
+
+    It is repeated for `lasting_s`. `target` is the number of one of several targets, None of a mission's only one.
+    """
+
+    request: str
+    position_m: Pair
+    sigma_m: Annotated[float, msgspec.Meta(gt=0.0, le=1000.0)]
+    lasting_s: Annotated[float, msgspec.Meta(ge=0.0, le=SIGHTING_LASTS_MAX_S)] = 0.0
+    target: Annotated[int, msgspec.Meta(ge=0, lt=TARGETS_MAX)] | None = None
+
+    @property
+    def verb(self) -> Literal["target"]:
+        """What its answers name."""
+        return "target"
 
 
 class RecoveredRequest(msgspec.Struct, frozen=True, tag_field="kind", tag="recovered", forbid_unknown_fields=True):

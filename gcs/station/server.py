@@ -36,6 +36,7 @@ from gcs.station.picture import (
     OperatorRights,
     ReceiptPicture,
     RecoveredRequest,
+    SightingRequest,
 )
 from gcs.station.tiles import MapTiles
 from gcs.viewer.connections import ConnectionLimits, ListeningSocket, listening_sockets
@@ -52,6 +53,7 @@ LEFT_AFTER_S = 30.0
 """A station that outlives its flight ends when no page has been open for this long."""
 RECORDED = '{"kind":"recorded"}'
 """The only message about a recorded flight."""
+_Request = CommandRequest | SightingRequest | RecoveredRequest
 _MALFORMED, _TOO_MANY = 1007, 1013
 _TILE_PLACE = re.compile("([0-9]{1,2})/([0-9]{1,8})/([0-9]{1,8})")
 
@@ -95,7 +97,7 @@ class Stream:
     async def _listen(self, page: WebSocket, reading: Reading) -> None:
         while (message := await page.receive())["type"] != "websocket.disconnect":
             try:
-                request = msgspec.json.decode(message.get("text") or "", type=CommandRequest | RecoveredRequest)
+                request = msgspec.json.decode(message.get("text") or "", type=_Request)
             except (msgspec.DecodeError, RecursionError) as error:  # a msgspec.ValidationError is one
                 with suppress(WebSocketDisconnect, RuntimeError):  # the page has disconnected meanwhile
                     await page.close(_MALFORMED, str(error)[:100])

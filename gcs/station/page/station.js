@@ -82,7 +82,7 @@ class Page {
     byId("map-state").hidden = false;
     try {
       const { Scene } = await import("./scene.js");
-      this.scene = new Scene(byId("map"), this.selection, this.headers);
+      this.scene = new Scene(byId("map"), this.selection, this.headers, (...place) => this.commands.choices(...place));
       await this.scene.isLoaded;
     } catch (error) {
       setText(byId("map-state"), "The map could not be loaded: reload the page. The cards and the table show every quantity.");

@@ -24,6 +24,7 @@ from gcs.station.picture import (
     MissionPicture,
     ReceiptPicture,
     RecoveredRequest,
+    SightingRequest,
     TeamPicture,
 )
 from gcs.station.server import RECORDED
@@ -47,8 +48,9 @@ Live = MissionPicture | TeamPicture | EventPicture | AnswerPicture | ReceiptPict
 class CannedStation:
     """Serves a live team, whose pictures `team` returns for the seconds since the start, or a recorded flight.
 
-    Use it as a context manager. Tests may change `team` and `is_silent` at any time; `requests` are the requests of
-    pages, of which a station that `is_slow` has received none, `recovered` the vehicles whose recovery they confirmed.
+    Use it as a context manager. Tests may change `team` and `is_silent` at any time. `requests` are the requests of
+    pages, of which a station that `is_slow` has received none, `sightings` their reports of the target, `recovered` the
+    vehicles whose recovery they confirmed.
     """
 
     def __init__(
@@ -82,6 +84,7 @@ class CannedStation:
         self.mission, self.team, self.flight = mission, team, flight
         self.is_silent = self.is_refusing = self.is_slow = False
         self.requests: list[CommandRequest] = []
+        self.sightings: list[SightingRequest] = []
         self.recovered: list[int] = []
         self.events: list[EventPicture] = []
 
@@ -148,11 +151,14 @@ class CannedStation:
         if message == MARK:
             self._marks.release()
             return
-        request = msgspec.json.decode(message, type=CommandRequest | RecoveredRequest)
+        request = msgspec.json.decode(message, type=CommandRequest | SightingRequest | RecoveredRequest)
         if isinstance(request, RecoveredRequest):
             self.recovered.append(request.vehicle_id)
             return
-        self.requests.append(request)
+        if isinstance(request, SightingRequest):
+            self.sightings.append(request)
+        else:
+            self.requests.append(request)
         if not self.is_slow:
             self._send(connection, ReceiptPicture(request.request))
 
