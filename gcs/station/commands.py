@@ -17,7 +17,7 @@ from agents.team.verbs import VERBS
 from gcs.console.command_client import CommandClient, CommandResult
 from gcs.console.rings import ring_names
 from gcs.errors import InputError
-from gcs.keys.identity import Identity
+from gcs.keys.identity import Identity, user_name
 from gcs.keys.team_keys import team_keys
 from gcs.mission.mission import Mission
 from gcs.preflight.mission import ring_change_faults
@@ -79,6 +79,13 @@ class Commands:
             return OperatorRights(read_only=self._read_only, sights=sights)
         may = tuple(verb for verb in self._identity.may if VERBS[verb].button)
         return OperatorRights(self._identity.participant.name, may, sights=sights)
+
+    @property
+    def name(self) -> str:
+        """Who acts by pages: the operator, before a flight that makes its keys this user; empty if read-only."""
+        if self._identity is not None:
+            return self._identity.participant.name
+        return user_name() if self._mission.network.security is None else ""
 
     async def run(self, on_rights: Callable[[OperatorRights], None]) -> None:
         """Stay on the bus of the present flight, with its operator's keys, until cancelled.

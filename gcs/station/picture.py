@@ -170,6 +170,27 @@ class EventPicture(_Picture, frozen=True, tag="event"):
     vehicle_id: int | None = None
 
 
+class ChecklistItemPicture(msgspec.Struct, frozen=True):
+    """An item of the mission's checklist, who has ticked it (empty: nobody), and when in Unix time.
+
+    A tick that is `used` was for the flight that has begun: the next one needs another.
+    """
+
+    text: str
+    required: bool
+    by: str = ""
+    wall_s: float | None = None
+    used: bool = False
+
+
+class ChecklistPicture(_Picture, frozen=True, tag="checklist"):
+    """The mission's checklist, whether this page may tick it, and why it cannot be read, empty if it can."""
+
+    items: tuple[ChecklistItemPicture, ...]
+    fault: str = ""
+    may_tick: bool = False
+
+
 class AnswerPicture(_Picture, frozen=True, tag="answer"):
     """An answer to a command of this page, `after_s` its first transmission; final for the vehicle if `is_final`.
 
@@ -232,6 +253,13 @@ class SightingRequest(msgspec.Struct, frozen=True, tag_field="kind", tag="sighti
     def verb(self) -> Literal["target"]:
         """What its answers name."""
         return "target"
+
+
+class TickRequest(msgspec.Struct, frozen=True, tag_field="kind", tag="tick", forbid_unknown_fields=True):
+    """A tick of an item of the checklist by its number, or the removal of its tick."""
+
+    item: Annotated[int, msgspec.Meta(ge=0)]
+    ticked: bool
 
 
 class RecoveredRequest(msgspec.Struct, frozen=True, tag_field="kind", tag="recovered", forbid_unknown_fields=True):

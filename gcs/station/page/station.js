@@ -2,6 +2,7 @@
 
 import { Alarms, Sound } from "./alarms.js";
 import { Cards } from "./cards.js";
+import { Checklist } from "./checklist.js";
 import { Commands } from "./commands.js";
 import { byId, setText } from "./dom.js";
 import { Events } from "./events.js";
@@ -33,6 +34,7 @@ class Page {
     this.topbar = new TopBar();
     this.strips = new Strips(byId("strips"));
     this.cards = new Cards(byId("cards"), this.selection, send);
+    this.checklist = new Checklist(send);
     this.table = new Table(byId("table"));
     this.scene = null;
     this.tabs = new Tabs(byId("views"), () => this.redraw());
@@ -62,6 +64,7 @@ class Page {
     this.topbar.update(team, isConnected);
     this.commands.update(team);
     this.cards.update(team);
+    this.checklist.update(team);
     this.redraw();
   }
 
@@ -123,6 +126,7 @@ class Live {
     if (picture.kind === "mission") this.#start(picture);
     else if (picture.kind === "event") this.page.events.add(picture);
     else if (picture.kind === "receipt") this.page.commands.receipt(picture);
+    else if (picture.kind === "checklist") this.page.checklist.take(picture);
     else if (picture.kind === "answer") this.page.commands.answer(picture);
     else if (picture.kind === "team" && this.page.mission) this.#team(picture); // one that overtook the mission has a successor
   }

@@ -18,6 +18,7 @@ from websockets.sync.server import Server, ServerConnection, serve
 from gcs.station.access import Access, Challenge, Entered, Hello, Proof
 from gcs.station.picture import (
     AnswerPicture,
+    ChecklistPicture,
     CommandRequest,
     EventPicture,
     FlightPicture,
@@ -26,6 +27,7 @@ from gcs.station.picture import (
     RecoveredRequest,
     SightingRequest,
     TeamPicture,
+    TickRequest,
 )
 from gcs.station.server import RECORDED
 from gcs.viewer.origin_gate import Address
@@ -42,7 +44,7 @@ POLICY = (
 
 MARK = "mark"
 
-Live = MissionPicture | TeamPicture | EventPicture | AnswerPicture | ReceiptPicture
+Live = MissionPicture | TeamPicture | EventPicture | AnswerPicture | ReceiptPicture | ChecklistPicture
 
 
 class CannedStation:
@@ -85,6 +87,7 @@ class CannedStation:
         self.is_silent = self.is_refusing = self.is_slow = False
         self.requests: list[CommandRequest] = []
         self.sightings: list[SightingRequest] = []
+        self.ticks: list[TickRequest] = []
         self.recovered: list[int] = []
         self.events: list[EventPicture] = []
 
@@ -151,7 +154,10 @@ class CannedStation:
         if message == MARK:
             self._marks.release()
             return
-        request = msgspec.json.decode(message, type=CommandRequest | SightingRequest | RecoveredRequest)
+        request = msgspec.json.decode(message, type=CommandRequest | SightingRequest | RecoveredRequest | TickRequest)
+        if isinstance(request, TickRequest):
+            self.ticks.append(request)
+            return
         if isinstance(request, RecoveredRequest):
             self.recovered.append(request.vehicle_id)
             return

@@ -131,7 +131,7 @@ async def station(mission: Mission, page: Path, tiles: MapTiles | None = None) -
 
 @dataclass
 class AnsweringTeam:
-    """Vehicles of a mission that send their states and answer commands, with the commands and sightings that each received."""
+    """Vehicles of a mission that send their states and answer commands; what each has received is kept."""
 
     received: list[tuple[int, OperatorCommand]] = field(default_factory=list)
     sightings: list[tuple[int, dict[str, Any]]] = field(default_factory=list)
