@@ -410,12 +410,13 @@ class VehicleCore:
             self._failsafe.latch_override(*override(self._vehicle.status))
 
     def _setpoint(self, task: Task, plan: Plan, guarded: Guarded) -> Setpoint:
-        wanted_m, climb_m_s = self._altitude.next(task.tactic, task.layer_m, task.situation.polar)
-        if (altitude_m := self._guard.altitude_m(wanted_m)) != wanted_m:
+        situation = task.situation
+        wanted_m, climb_m_s = self._altitude.next(task.tactic, task.layer_m, situation.polar)
+        if (altitude_m := self._guard.altitude_m(wanted_m, situation.acting_motion, situation.height_m)) != wanted_m:
             climb_m_s = 0.0
-        (x, y), velocity = self._feedforward.split(task.situation, plan, guarded, climb_m_s)
+        (x, y), velocity = self._feedforward.split(situation, plan, guarded, climb_m_s)
         off_x, off_y = self._estimator.offset_m
-        yaw_rad = self._yaw.turn(task.tactic, task.situation)
+        yaw_rad = self._yaw.turn(task.tactic, situation)
         return Setpoint((x + off_x, y + off_y, altitude_m), yaw_rad, velocity)
 
     # Inputs between ticks

@@ -49,6 +49,8 @@ def identified(mission: Mission) -> Mission:
 def _digest(mission: Mission) -> str:
     """Return 16 hexadecimal digits of the digest of sections, vehicles and profiles, without their file paths."""
     sections = {name: getattr(mission, name).model_dump(mode="json") for name in _SECTIONS}
+    if not mission.safety.no_fly:
+        sections["safety"].pop("no_fly")
     sections["target"] = _comparable(mission.target)
     if mission.targets:
         sections["targets"] = [_comparable(each) for each in mission.targets]

@@ -11,6 +11,7 @@ from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 
 from agents.settings.config import AgentConfig, RingConfig
 from agents.settings.sections import (
+    NAME_PATTERN,
     ChoreographySettings,
     DecisionSettings,
     EncirclementSection,
@@ -108,7 +109,6 @@ TARGET_SPEED_MAX_M_S = 20.0
 
 _NAME_MAX = 24
 """Maximum length of the name of a target or a ring."""
-NAME_PATTERN = r"^[A-Za-z0-9_-]*$"
 TEAM_PATTERN = r"^[A-Za-z0-9_-]{1,32}$"
 
 Metre = Annotated[float, Field(ge=-1e5, le=1e5)]

@@ -7,6 +7,7 @@ from typing import Any, Literal, get_args, get_origin
 from pydantic.fields import FieldInfo
 from pydantic_core import PydanticUndefined
 
+from agents.settings.sections import NoFlySection
 from estimation.plant.model import Identification
 from estimation.profile.profile import AxisSection, LimitsSection, ProfileFile
 from estimation.settings import OwnFilterSettings, Settings
@@ -26,6 +27,7 @@ from tests.support.units import unit
 
 _MISSION: dict[str, type[Settings]] = {
     **{f"[{name}]": model for name, model in SECTIONS.items()},
+    "[[safety.no_fly]]": NoFlySection,
     "[network.security]": SecuritySection,
     "[links.NAME]": SharedLinkSection,
     "[target.sensor]": SensorSection,
