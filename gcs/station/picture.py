@@ -75,6 +75,17 @@ class RingPicture(msgspec.Struct, frozen=True):
     ring_bounds: RingBounds
 
 
+class ZonePicture(msgspec.Struct, frozen=True):
+    """A no-fly zone: a polygon, or a circle (then it has no corners), between two heights, None where it has no end."""
+
+    name: str
+    polygon_m: tuple[Pair, ...] = ()
+    center_m: Pair | None = None
+    radius_m: float | None = None
+    floor_m: float | None = None
+    ceiling_m: float | None = None
+
+
 class MissionPicture(_Picture, frozen=True, tag="mission"):
     """The constant part of a flight. `origin_deg` is latitude and longitude, None for a mission in a local frame.
 
@@ -102,6 +113,7 @@ class MissionPicture(_Picture, frozen=True, tag="mission"):
     verbs: tuple[VerbRow, ...] = tuple(VERBS.values())
     targets: tuple[str, ...] | UnsetType = UNSET
     rings: tuple[RingPicture, ...] | UnsetType = UNSET
+    zones: tuple[ZonePicture, ...] = ()
 
 
 class TargetPicture(msgspec.Struct, frozen=True):
@@ -290,6 +302,10 @@ def mission_picture(
         operator=operator or OperatorRights(),
         targets=tuple(each.name for each in mission.every_target) if rings else UNSET,
         rings=rings or UNSET,
+        zones=tuple(
+            ZonePicture(each.name, each.polygon_m, each.center_m, each.radius_m, each.floor_m, each.ceiling_m)
+            for each in safety.no_fly
+        ),
     )
 
 

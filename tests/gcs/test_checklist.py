@@ -5,8 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from gcs import checklist as module
-from gcs.checklist import Checklist
+from gcs.checklist import VALID_S, Checklist
 from gcs.errors import InputError
 from gcs.mission.file import MissionError, parse_mission
 from gcs.mission.mission import ChecklistItem
@@ -50,7 +49,7 @@ def test_ticks_of_another_text_or_another_day_do_not_count(monkeypatch: pytest.M
     changed = (ChecklistItem(text="Propellers new"), *ITEMS[1:])
     assert Checklist("red", changed).open() == [changed[0]]
     now_s = time.time()
-    monkeypatch.setattr(module.time, "time", lambda: now_s + module.VALID_S + 1.0)
+    monkeypatch.setattr(time, "time", lambda: now_s + VALID_S + 1.0)
     assert len(Checklist("red", ITEMS).open()) == 2
 
 

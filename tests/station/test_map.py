@@ -2,14 +2,17 @@
 
 import re
 from collections.abc import Iterator
+from io import BytesIO
 from math import atan2, cos, degrees, hypot, radians
 from typing import Any, NamedTuple
 
+import numpy as np
 import pytest
 from msgspec.structs import replace
+from PIL import Image
 from playwright.sync_api import Locator, Page, expect
 
-from gcs.station.picture import AnswerPicture, OperatorRights, SightingRequest
+from gcs.station.picture import AnswerPicture, OperatorRights, SightingRequest, ZonePicture
 from tests.station.conftest import OpenPage
 from tests.station.test_accessibility import findings
 from tests.support.page.canned_station import CannedStation
@@ -185,6 +188,37 @@ def test_two_clicks_measure_and_copy_nothing(shown: Map, subtests: pytest.Subtes
         for x, y in ((300, 200), (300, 100)):
             page.mouse.click(box["x"] + x, box["y"] + y)
         expect(page.locator("#measured")).to_contain_text(re.compile(r"m, 90\.0° from x"))
+
+
+def test_no_fly_zones_are_drawn_with_their_heights(open_page: OpenPage) -> None:
+    zones = (
+        ZonePicture("school", ((20.0, 0.0), (30.0, 0.0), (30.0, 10.0), (20.0, 10.0)), ceiling_m=120.0),
+        ZonePicture("mast", center_m=(50.0, 0.0), radius_m=4.0, floor_m=10.0),
+    )
+    still = ring_team(MISSION, 0.0)
+    with CannedStation(replace(MISSION, zones=zones), lambda _time_s: still) as station:
+        shown = opened(open_page(station.url), station)
+        names = shown.page.locator(".zone-name")
+        expect(names).to_have_text(["✕ school to 120 m", "✕ mast from 10 m"])
+        for name, middle in zip(names.all(), ((25.0, 5.0), (50.0, 0.0)), strict=True):
+            box: Any = name.bounding_box()
+            x, y = shown.pixel(*middle)
+            assert hypot(box["x"] + box["width"] / 2.0 - x, box["y"] + box["height"] / 2.0 - y) < 4.0
+        inside, outside = (colour(shown, *at) for at in ((22.0, 2.0), (22.0, -3.0)))
+        assert inside != outside
+        shown.page.locator("#layers summary").click()
+        shown.page.get_by_label("No-fly zones").uncheck()
+        shown.page.locator("#layers summary").click()
+        shown.page.wait_for_timeout(500)
+        assert colour(shown, 22.0, 2.0) == outside
+        expect(names.first).to_be_hidden()
+
+
+def colour(shown: Map, x_m: float, y_m: float) -> tuple[int, ...]:
+    """Return the colour of a place of the map."""
+    x, y = shown.pixel(x_m, y_m)
+    image = shown.page.screenshot(clip={"x": x, "y": y, "width": 1, "height": 1})
+    return tuple(np.asarray(Image.open(BytesIO(image)).convert("RGB"))[0, 0].tolist())
 
 
 def test_the_menu_offers_what_the_page_can_send(open_page: OpenPage, subtests: pytest.Subtests) -> None:

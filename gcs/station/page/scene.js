@@ -4,12 +4,12 @@ import { byId, setAttribute, setText } from "./dom.js";
 import { Frame } from "./frame.js";
 import { labelPlaces } from "./labels.js";
 import { MapMenu } from "./map_menu.js";
-import { namePlace, planMarks, teamMarks, trailMarks } from "./marks.js";
+import { namePlace, planMarks, teamMarks, trailMarks, zoneMiddle } from "./marks.js";
 import { Measure } from "./measure.js";
 import { copy, copyOnClick, fullPlaceText, placeText } from "./places.js";
 import { Pointing } from "./pointing.js";
 import { flownRing, ringsOf, targetNames, targetsOf } from "./rings.js";
-import { ringSymbol, showTarget, showVehicle, targetSymbol, vehicleSymbol } from "./symbols.js";
+import { ringSymbol, showTarget, showVehicle, targetSymbol, vehicleSymbol, zoneSymbol } from "./symbols.js";
 import { atMostEvery } from "./throttle.js";
 import { byTrouble, trouble } from "./vehicles.js";
 import { Tiles } from "./tiles.js";
@@ -21,6 +21,7 @@ const ZOOM_MAX = 21.5;
 const TRAIL_EVERY_MS = 500;
 /** Layers: source, name, the colour (a CSS variable, or the vehicle's), width, dashes, and the switch that hides it. */
 const LINES = [
+  ["plan", "zone", "--alarm", 1.5, null, "zones"],
   ["plan", "fence", "--fence", 2.5, null, "fence"],
   ["plan", "start", null, 2, null, "starts"],
   ["trails", "trail", null, 2, null, "trails"],
@@ -36,9 +37,10 @@ const LINES = [
   ["measured", "measured", "--accent", 2.5, [2, 1], ""],
 ];
 const AREAS = [
-  ["keep-out", "--alarm", 0.12],
-  ["ellipse", "--ink", 0.15],
-  ["reach", "--warning", 0.1],
+  ["zone", "--alarm", 0.18, "plan"],
+  ["keep-out", "--alarm", 0.12, "team"],
+  ["ellipse", "--ink", 0.15, "team"],
+  ["reach", "--warning", 0.1, "team"],
 ];
 
 maplibre.setWorkerUrl(import.meta.resolve("./vendor/maplibre-gl-worker.mjs")); // in a report it is not beside the library
@@ -89,9 +91,17 @@ export class Scene {
     this.symbols = new Map(mission.vehicles.map((planned) => [planned.vehicle_id, this.#vehicle(planned)]));
     this.targets = targetNames(mission).map((name) => this.#marked(targetSymbol(name)));
     this.ringNames = (mission.rings ?? []).map((ring) => this.#marked(ringSymbol(ring)));
-    this.map.getSource("plan").setData(planMarks(mission, this.frame));
+    this.showPlan(mission);
     this.fit(mission.vehicles.map((planned) => planned.start_m), 0);
     this.#showSelection();
+  }
+
+  /** Draw the fence, the no-fly zones and the starts of a mission. */
+  showPlan(mission) {
+    this.map.getSource("plan").setData(planMarks(mission, this.frame));
+    for (const { marker } of this.zones ?? []) marker.remove();
+    this.zones = (mission.zones ?? []).map((zone) => this.#marked(zoneSymbol(zone)));
+    this.zones.forEach(({ marker }, number) => this.#place(marker, zoneMiddle(mission.zones[number])));
   }
 
   /** Draw a TeamPicture, and the trails from those before it. */
@@ -286,6 +296,7 @@ export class Scene {
         this.map.setLayoutProperty(`${name}-area`, "visibility", visibility);
       }
     }
+    if (layer === "zones") this.map.getContainer().classList.toggle("without-zones", !isShown);
     if (layer === "labels") this.map.getContainer().classList.toggle("without-labels", !isShown);
   }
 
@@ -311,9 +322,9 @@ function style() {
   return { version: 8, sources, layers: [ground, ...AREAS.map(areaLayer), ...LINES.map(lineLayer)] };
 }
 
-function areaLayer([name, colour, opacity]) {
+function areaLayer([name, colour, opacity, source]) {
   const paint = { "fill-color": css(colour), "fill-opacity": opacity };
-  return { id: `${name}-area`, type: "fill", source: "team", filter: ["==", ["get", "layer"], name], paint };
+  return { id: `${name}-area`, type: "fill", source, filter: ["==", ["get", "layer"], name], paint };
 }
 
 function lineLayer([source, name, colour, width, dashes]) {

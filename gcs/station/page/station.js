@@ -15,6 +15,7 @@ import { Tabs } from "./tabs.js";
 import { startTheme } from "./theme.js";
 import { TopBar } from "./topbar.js";
 import { agedTeam } from "./vehicles.js";
+import { Voice } from "./voice.js";
 import { WakeLock } from "./wake_lock.js";
 
 const PAST_S = 120;
@@ -30,7 +31,7 @@ class Page {
     this.selection = new Selection();
     this.commands = new Commands(this.selection, send);
     this.events = new Events(byId("events"), byId("polite"));
-    this.alarms = new Alarms(byId("alarms"), new Sound(byId("sound")), byId("assertive"));
+    this.alarms = new Alarms(byId("alarms"), new Sound(byId("sound")), new Voice(byId("voice")), byId("assertive"));
     this.topbar = new TopBar();
     this.strips = new Strips(byId("strips"));
     this.cards = new Cards(byId("cards"), this.selection, send);
