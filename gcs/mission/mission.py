@@ -187,6 +187,18 @@ class SensorChange(SensorSection):
     range_m: float = Field(10000.0, gt=0.0, le=10000.0, description="largest distance of a sighting")
 
 
+class ChecklistItem(Settings):
+    """`[[checklist]]`: what people check before take-off. Nothing is armed until all required items are ticked, on the
+    operator's page or by `--checklist-done NAME`.
+    """
+
+    text: str = Field(min_length=1, max_length=200, pattern=r"^[^\x00-\x1f\x7f]*$", description="what to check")
+    required: bool = Field(True, description="whether take-off waits for it")
+
+
+CHECKLIST_MAX = 50
+
+
 class LegSection(Settings):
     """`[[target.legs]]`: a straight leg of the simulated target's path."""
 
@@ -498,6 +510,7 @@ class Mission:
     folder: Path = field(default=Path(), compare=False)
     targets: tuple[TargetSection, ...] = ()
     rings: tuple[MissionRing, ...] = ()
+    checklist: tuple[ChecklistItem, ...] = field(default=(), compare=False)
 
     def of_ring(self, number: int) -> "Mission":
         """Return the mission as one of a single ring and its target; raises IndexError if there is no such ring."""
