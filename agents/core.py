@@ -20,6 +20,7 @@ from agents.control.planner import planner_of
 from agents.control.return_and_land import assembled
 from agents.control.transit import FAR_SHARE
 from agents.drops import NO_DROPS, Drops, Reason
+from agents.gimbal import CameraAim
 from agents.inputs import (
     AutopilotStatus,
     Bus,
@@ -104,6 +105,7 @@ class VehicleCore:
         self._interventions = Interventions()
         self._feedforward = FeedForward(config.plant, config.safety.speed_max_m_s)
         self._yaw = Yaw(config)
+        self._camera = CameraAim(config)
         self._altitude = Altitude(config)
         self._tactic = Tactic.STANDBY
         self.landing_cause: LandingCause | None = None  # why it lands before its mission's end
@@ -416,7 +418,8 @@ class VehicleCore:
         (x, y), velocity = self._feedforward.split(task.situation, plan, guarded, climb_m_s)
         off_x, off_y = self._estimator.offset_m
         yaw_rad = self._yaw.turn(task.tactic, task.situation)
-        return Setpoint((x + off_x, y + off_y, altitude_m), yaw_rad, velocity)
+        camera_rad = self._camera.next(task.situation, self._estimator.link_delay_s, self._altitude.target_m)
+        return Setpoint((x + off_x, y + off_y, altitude_m), yaw_rad, velocity, camera_rad)
 
     # Inputs between ticks
 

@@ -55,6 +55,7 @@ class Condition(Enum):
     LINK_DEGRADED = "link degraded"
     BATTERY_WARNING = "battery warning"
     STATUS_STALE = "status stale"
+    GIMBAL_FAILED = "gimbal failed"
     COMPUTER_SHORT = "computer short of memory or disk"
     LEADER_LOST = "leader lost"
     PEER_SILENT = "peer silent"
@@ -483,6 +484,17 @@ TABLE = (
         BY_ITSELF,
         "land it soon: nothing watches what is not reported",
         reported=lambda status, _: status.stale,
+        explained_by=(Condition.TELEMETRY_STALE,),
+    ),
+    Row(
+        Condition.GIMBAL_FAILED,
+        "the gimbal of a vehicle with `gimbal` does not report its attitude, does not follow, or another station "
+        "controls it",
+        "",
+        (Reaction.DEGRADE,),
+        BY_ITSELF,
+        "fly on without its camera, or point it with the station that controls it",
+        reported=lambda status, _: status.gimbal_fault,
         explained_by=(Condition.TELEMETRY_STALE,),
     ),
     Row(

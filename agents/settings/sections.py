@@ -219,6 +219,20 @@ class ChoreographySettings(Settings):
         return (*first, *(i for i in ids if i not in first))
 
 
+class GimbalSettings(Settings):
+    """`gimbal` of a vehicle: its camera looks at the target, whatever the vehicle's yaw; `true` for all defaults
+    (docs/missions.md).
+    """
+
+    target_height_m: float = Field(
+        0.0,
+        ge=-500.0,
+        le=9000.0,
+        description="height above the origin of what is looked at, unless the ring follows the target's altitude",
+    )
+    view_deg: float = Field(60.0, ge=1.0, le=170.0, description="the camera's angle of view")
+
+
 class ExcitationSettings(Settings):
     """The excitation flight of `cordon excite`: steps, then swept sines, on x, on y and on both
     (docs/identification.md).

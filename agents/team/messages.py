@@ -349,12 +349,27 @@ class TargetReport(msgspec.Struct, frozen=True):
     sighting_age_s: _Seconds
 
 
+class CameraView(msgspec.Struct, frozen=True):
+    """Where a vehicle's camera looked at `time_s`, as its gimbal reports it, and its angle of view.
+
+    It looks from the vehicle's position at an elevation above the horizontal, negative downwards, and at a bearing
+    counter-clockwise from x of the mission frame.
+    """
+
+    time_s: Annotated[TimeS, Age(1e6)]
+    position_m: tuple[_Metres, _Metres, _Metres]
+    elevation_rad: _Angle
+    bearing_rad: _Angle
+    view_rad: _Angle
+
+
 class AutopilotReport(msgspec.Struct, frozen=True):
     """What operators and observers see of an autopilot's own report: a part of its status, sent and shown as it is.
 
     `battery` is a fraction, `endurance_s` its estimate of the flight time until the battery is empty, `gps_dimensions`
     the type of the fix (0 without one, 2 or 3), with the number of `satellites`, `wind_m_s` the estimated horizontal
-    wind. None is unknown. A new field has to be `Added` to the report.
+    wind, `camera` where a camera looks that the mission points. None is unknown. A new field has to be `Added` to the
+    report.
     """
 
     battery: Annotated[float, Within(0.0, 1.0), Unit(1e4)] | None = None
@@ -362,6 +377,7 @@ class AutopilotReport(msgspec.Struct, frozen=True):
     gps_dimensions: Annotated[int, Within(0, 255)] | None = None
     satellites: Annotated[int, Within(0, 255)] | None = None
     wind_m_s: Annotated[Annotated[float, Within(0.0, 200.0), Unit(10.0)] | None, Added(6)] = None
+    camera: Annotated[CameraView | None, Added(8)] = None
 
 
 class NextChange(msgspec.Struct, frozen=True):

@@ -5,6 +5,7 @@ from collections import deque
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
+from math import radians
 
 from msgspec import structs
 
@@ -162,6 +163,7 @@ class FlightTeam:
             signing_key=self.signing_keys.get(vehicle.system_id),
             truth=pace.truth_bytes_s > 0.0 and vehicle.id not in self.plan.stubs,
             external_positions=self._located_from_outside(vehicle),
+            view_rad=None if vehicle.section.gimbal is None else radians(vehicle.section.gimbal.view_deg),
         )
         link = CheckedLink(hub, config, clock)
         if link.truth is not None:

@@ -13,12 +13,22 @@ from typing import Any, TypeVar
 from mavsdk.exceptions import MavsdkError
 from mavsdk.plugins.mavlink_direct import MavlinkDirect, MavlinkDirectError, MavlinkMessage
 
+from agents.gimbal import POINTINGS_HZ
 from agents.ports import VehicleRefusedError
 from agents.shell.clock import MissionClock
 from estimation.frames import Geodetic, MissionFrame, Triple
 from gcs.link.feed import VehicleFeed
 from gcs.link.ground_truth import RATE_HZ as TRUTH_RATE_HZ
-from gcs.link.rates import ATTITUDE, LOCAL_POSITION_NED, SLOW_STATUS_BYTES, STATUS_BYTES, Rates
+from gcs.link.rates import (
+    ATTITUDE,
+    GIMBAL_ATTITUDE,
+    GIMBAL_CONTROL,
+    GIMBAL_CONTROL_HZ,
+    LOCAL_POSITION_NED,
+    SLOW_STATUS_BYTES,
+    STATUS_BYTES,
+    Rates,
+)
 from gcs.link.status_texts import quoted
 from gcs.link.streams import Streams
 
@@ -198,6 +208,9 @@ class VehicleCalls:
             await self._request(message, rates.status_hz / 2.0)
         if self._feed.truth is not None:
             await self._request(self._feed.autopilot.truth.number, TRUTH_RATE_HZ)
+        if self._feed.gimbal is not None:
+            await self._request(GIMBAL_ATTITUDE, POINTINGS_HZ)
+            await self._request(GIMBAL_CONTROL, GIMBAL_CONTROL_HZ)
 
     async def correct_rates(self) -> bool:
         """Request again what arrives at another rate than requested, and return whether all was right.

@@ -21,6 +21,7 @@ from estimation.filters.own import JUMP_M, jump_m
 from estimation.frames import Geodetic, MissionFrame, Triple
 from estimation.state import Telemetry
 from gcs.link.batteries import Batteries, BatteryReport
+from gcs.link.gimbal import CameraGimbal
 from gcs.link.ground_truth import GroundTruth
 from gcs.link.heights import BAROMETER, GPS, GPS_SIGMA_M, RANGEFINDER, HeightComparison
 from gcs.link.received_fields import (
@@ -123,6 +124,7 @@ class VehicleFeed:
     by a backward step of the autopilot's clock. It is also reset when it is in doubt (`doubt`): until it has been read
     again no telemetry is delivered, and the sample after that shows what has changed. `by_failsafe` returns whether a
     failsafe of the autopilot made the newest change of mode. `truth` collects a simulator's true motions, if requested.
+    With `view_rad`, the angle of view of its camera, it has the `gimbal` of that.
     """
 
     def __init__(
@@ -135,6 +137,7 @@ class VehicleFeed:
         by_failsafe: Callable[[], bool] = lambda: False,
         truth: GroundTruth | None = None,
         transit: LinkTransit | None = None,
+        view_rad: float | None = None,
     ) -> None:
         self.status = VehicleStatus()
         self.motion: Telemetry | None = None
@@ -154,6 +157,17 @@ class VehicleFeed:
         self.batteries = Batteries()
         self.autopilot = self.reports.autopilot
         self.truth = truth
+        self.gimbal: CameraGimbal | None = None
+        if view_rad is not None:
+            self.gimbal = CameraGimbal(
+                system,
+                frame,
+                view_rad,
+                clock.now_s,
+                self.link_s,
+                lambda: self.position_m,
+                lambda view: self._update(camera=view),
+            )
         self._system = system
         self._frame = frame
         self._health: Any = None
@@ -195,6 +209,8 @@ class VehicleFeed:
         self.reports.subscribe(telemetry, self._posting, gps=not self._frame.is_local)
         if self.truth is not None:
             self.truth.subscribe(self.reports.direct, self.autopilot.truth, self._posting)
+        if self.gimbal is not None:
+            self.gimbal.subscribe(self._posting)
         self._is_connected = bool(self._system.is_connected())
         self._update(connected=self._is_connected)
         self._system.subscribe_is_connected(self._posting(self._take_connected))
@@ -276,6 +292,8 @@ class VehicleFeed:
         """Unsubscribe from everything; blocks until running callbacks have returned."""
         self.plugin.destroy()
         self.reports.close()
+        if self.gimbal is not None:
+            self.gimbal.close()
         self._system.destroy()
 
     def link_s(self) -> float:

@@ -6,7 +6,7 @@ before it carries it out. Mode and armed are up to a second old.
 
 import asyncio
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from functools import partial
 from math import degrees
@@ -20,6 +20,7 @@ from msgspec.structs import replace
 from agents.ports import Connection, FlightMode, Setpoint, VehicleRefusedError, VehicleStatus
 from agents.shell.clock import LinkTransit, MissionClock
 from agents.team.external_positions import ExternalPosition
+from agents.team.messages import CameraView
 from estimation.frames import MissionFrame, Triple, wrap_signed_rad
 from estimation.state import Telemetry
 from gcs.link.calls import VehicleCalls, choose_guided, find_origin
@@ -152,18 +153,26 @@ class MavsdkLink:
 
     @property
     def status(self) -> VehicleStatus:
-        """The newest status received; where external positions are expected, with their absence."""
+        """The newest status received; where expected, with a lack of external positions and the gimbal's fault."""
         if self._parts is None:
             return VehicleStatus()
-        status = self._parts.feed.status
+        status, gimbal = self._parts.feed.status, self._parts.feed.gimbal
         if self._parts.external is not None and self._parts.external.is_stale:
-            return replace(status, estimator_fault=NO_EXTERNAL_POSITION)
+            status = replace(status, estimator_fault=NO_EXTERNAL_POSITION)
+        if gimbal is not None and (fault := gimbal.fault):
+            status = replace(status, gimbal_fault=fault)
         return status
 
     @property
     def motion(self) -> Telemetry | None:
         """The newest telemetry, None before the first."""
         return self._parts.feed.motion if self._parts is not None else None
+
+    @property
+    def views(self) -> Sequence[CameraView]:
+        """Where its camera looked so far, as its gimbal reported; empty without a gimbal that is pointed."""
+        gimbal = None if self._parts is None else self._parts.feed.gimbal
+        return () if gimbal is None else gimbal.views
 
     @property
     def dropped(self) -> int:
@@ -211,6 +220,7 @@ class MavsdkLink:
             by_failsafe=lambda: self.report.failsafe,
             truth=self.truth,
             transit=self._transit,
+            view_rad=self._config.view_rad,
         )
         received = partial(self._hub.messages, self._config.system_id)
         calls = VehicleCalls(self._config.system_id, feed, self._clock, received)
@@ -374,6 +384,8 @@ class MavsdkLink:
             # One that waits in the transmit queue may never be sent: a newer one replaces it.
             if self._transit is not None and not self._config.pace.is_bound:
                 self._transit.send(*ned_m)
+            if parts.feed.gimbal is not None:
+                parts.feed.gimbal.point(setpoint.camera_rad)
         except (MavsdkError, RuntimeError):
             self._unsent += 1
 

@@ -19,6 +19,7 @@ from agents.settings.sections import (
     FailsafeSettings,
     Fence,
     FormationSettings,
+    GimbalSettings,
     SafetySettings,
     pair,
     pairs,
@@ -358,6 +359,11 @@ def _by_id(default: Callable[[int], str], description: str) -> Any:
     return Field(default_factory=lambda known: default(known.get("id", 1)), description=description)
 
 
+def _gimbal(value: object) -> object:
+    """Return the table of a gimbal for `gimbal = true`, and none for false."""
+    return value if not isinstance(value, bool) else ({} if value else None)
+
+
 class VehicleSection(Settings):
     """`[[vehicles]]`: one vehicle. Default ports depend on the id; urls are those of PX4's simulator."""
 
@@ -388,6 +394,9 @@ class VehicleSection(Settings):
     )
     decision: DecisionSettings | None = Field(None, description="keys in place of those of `[decision]`")
     sensor: SensorChange | None = Field(None, description="keys in place of those of `[target.sensor]`")
+    gimbal: Annotated[GimbalSettings | None, BeforeValidator(_gimbal)] = Field(
+        None, description="see `gimbal`; none: its camera, if any, is left alone"
+    )
 
     def limits(self, safety: SafetySettings) -> SafetySettings:
         """Return the safety settings of this vehicle: the team's, with its own fence and altitude limits."""
@@ -573,6 +582,7 @@ class Mission:
             slots_m=tuple(each.section.slot_m for each in self.vehicles if each.section.slot_m is not None),
             gaps=self.gaps,
             excitation=self.excitation if self.excites else None,
+            gimbal=vehicle.section.gimbal,
             profile=vehicle.section.profile,
             targets=tuple(each.name for each in self.targets),
             rings=tuple(
