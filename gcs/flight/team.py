@@ -275,6 +275,7 @@ class FlightTeam:
             endings=tuple(ending_of(i, outcome, self.plan.mission.mission_frame()) for i, outcome in outcomes.items()),
             faults=tuple(fault.injected for fault in self.plan.faults),
             kinds=self.kinds,
+            views={member.vehicle.id: tuple(member.link.views) for member in self.members},
         )
         return self.journal.record(start_s, max(flown_s, 0.0), totals)
 

@@ -151,6 +151,13 @@ class VehicleCalls:
                     said, next_step = f"refused to {verb} ({result})", "resolve the cause that the autopilot reports"
                 raise self.refusal(said, next_step, began_s) from failure
 
+    async def told(self, condition: Callable[[], bool], within_s: float) -> None:
+        """Wait for what MAVSDK finds out by itself, at most `within_s` [wall s]; no other time passes meanwhile."""
+        end_s = time.monotonic() + within_s
+        with self._clock.held():
+            while not condition() and time.monotonic() < end_s:
+                await asyncio.sleep(POLL_PERIOD_S)
+
     async def idle(self) -> None:
         """Wait until no call is under way, also of those whose caller was cancelled: MAVSDK repeats their commands."""
         with self._clock.held():

@@ -27,6 +27,7 @@ from gcs.link.calls import VehicleCalls, choose_guided, find_origin
 from gcs.link.config import LinkConfig
 from gcs.link.external_position import NO_EXTERNAL_POSITION, ExternalPositionSender
 from gcs.link.feed import VehicleFeed
+from gcs.link.gimbal import CameraGimbal
 from gcs.link.ground_truth import GroundTruth
 from gcs.link.hub import MavsdkHub
 from gcs.link.rates import RateController, Rates
@@ -139,6 +140,7 @@ class MavsdkLink:
         self._transit: LinkTransit | None = None
         self.truth = GroundTruth(config.system_id, config.frame, clock.now_s) if config.truth else None
         self._parts: LinkParts | None = None
+        self._gimbal: CameraGimbal | None = None
         self._guided: Callable[[], object] | None = None
         self._keepers: list[asyncio.Task[None]] = []
         self._watch_period = PeriodicWait(clock)
@@ -156,10 +158,10 @@ class MavsdkLink:
         """The newest status received; where expected, with a lack of external positions and the gimbal's fault."""
         if self._parts is None:
             return VehicleStatus()
-        status, gimbal = self._parts.feed.status, self._parts.feed.gimbal
+        status = self._parts.feed.status
         if self._parts.external is not None and self._parts.external.is_stale:
             status = replace(status, estimator_fault=NO_EXTERNAL_POSITION)
-        if gimbal is not None and (fault := gimbal.fault):
+        if self._gimbal is not None and (fault := self._gimbal.fault):
             status = replace(status, gimbal_fault=fault)
         return status
 
@@ -171,8 +173,7 @@ class MavsdkLink:
     @property
     def views(self) -> Sequence[CameraView]:
         """Where its camera looked so far, as its gimbal reported; empty without a gimbal that is pointed."""
-        gimbal = None if self._parts is None else self._parts.feed.gimbal
-        return () if gimbal is None else gimbal.views
+        return () if self._gimbal is None else self._gimbal.views
 
     @property
     def dropped(self) -> int:
@@ -222,6 +223,7 @@ class MavsdkLink:
             transit=self._transit,
             view_rad=self._config.view_rad,
         )
+        self._gimbal = feed.gimbal
         received = partial(self._hub.messages, self._config.system_id)
         calls = VehicleCalls(self._config.system_id, feed, self._clock, received)
         external = None
@@ -384,8 +386,8 @@ class MavsdkLink:
             # One that waits in the transmit queue may never be sent: a newer one replaces it.
             if self._transit is not None and not self._config.pace.is_bound:
                 self._transit.send(*ned_m)
-            if parts.feed.gimbal is not None:
-                parts.feed.gimbal.point(setpoint.camera_rad)
+            if self._gimbal is not None:
+                self._gimbal.point(setpoint.camera_rad)
         except (MavsdkError, RuntimeError):
             self._unsent += 1
 

@@ -400,7 +400,7 @@ class _VehicleQuery(NamedTuple):
         await self._all_batteries()
         feed = self.feed
         if feed.gimbal is not None:
-            await self.calls.reached(partial(_is_known, feed.gimbal), max(0.0, FOUND_WITHIN_S - feed.age_s))
+            await self.calls.told(partial(_is_known, feed.gimbal), FOUND_WITHIN_S)
         return VehicleFacts(
             vehicle_id=self.vehicle_id,
             autopilot=autopilot,

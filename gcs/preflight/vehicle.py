@@ -120,7 +120,7 @@ def camera(facts: VehicleFacts, vehicle: MissionVehicle) -> Iterator[Finding]:
     why = "the mission points its camera at the target"
     if not facts.gimbal.answers:
         step = f"switch it on, and check its settings ({advice('gimbal')}), or leave `gimbal` out of the mission"
-        yield Finding(Grade.REFUSE, facts.vehicle_id, "gimbal", NO_GIMBAL, why, step, temporary=True)
+        yield Finding(Grade.REFUSE, facts.vehicle_id, "gimbal", NO_GIMBAL, why, step)
     elif facts.gimbal.controlled_by:
         found = f"system {facts.gimbal.controlled_by} controls its gimbal"
         step = "release it there, or leave `gimbal` out of the mission"
