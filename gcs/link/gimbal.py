@@ -89,12 +89,16 @@ class CameraGimbal:
             return NO_GIMBAL
         if self._other:
             return f"system {self._other} controls it"
-        now_s = self._link_s()
-        if now_s - self._reported_s > SILENT_S:
+        if self.is_silent:
             return f"it has not reported its attitude for {SILENT_S:g} s"
-        if self._wanted_rad and now_s - self._follows_s > OFF_FOR_S:
+        if self._wanted_rad and self._link_s() - self._follows_s > OFF_FOR_S:
             return f"its camera is about {_OFF_STEP_DEG * round(self._off_deg / _OFF_STEP_DEG):.0f} degrees off"
         return ""
+
+    @property
+    def is_silent(self) -> bool:
+        """Whether it has not reported where the camera looks for some time."""
+        return self._link_s() - self._reported_s > SILENT_S
 
     def point(self, camera_rad: tuple[float, ...]) -> None:
         """Send elevation and bearing [rad, mission frame], if cordon is in control; never blocks, never raises.

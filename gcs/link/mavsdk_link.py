@@ -162,7 +162,7 @@ class MavsdkLink:
         if self._parts.external is not None and self._parts.external.is_stale:
             status = replace(status, estimator_fault=NO_EXTERNAL_POSITION)
         if self._gimbal is not None and (fault := self._gimbal.fault):
-            status = replace(status, gimbal_fault=fault)
+            status = replace(status, gimbal_fault=fault, camera=None if self._gimbal.is_silent else status.camera)
         return status
 
     @property

@@ -29,7 +29,7 @@ from gcs.mission.validation import shown, unknown_keys, validated
 
 _SECTIONS = ("frame", "formation", "encirclement", "safety", "failsafe", "target_filter", "target", "choreography")
 _OF_THE_MISSION = {"name", "duration_s", "rate_hz"}
-_OF_ONE_COMPUTER = {"url", "true_scale", "sensor", "gimbal"}
+_OF_ONE_COMPUTER = {"url", "true_scale", "sensor", "gimbal", "camera_url"}
 """Keys that may differ between the computers of a team, or concern only simulated vehicles or cameras."""
 
 

@@ -30,13 +30,17 @@ class _Picture(msgspec.Struct, frozen=True, tag_field="kind", omit_defaults=Fals
 
 
 class PlannedVehicle(msgspec.Struct, frozen=True):
-    """A vehicle of the mission: `colour` is #rrggbb, `fence_m` its geofence (a polygon, empty without one)."""
+    """A vehicle of the mission: `colour` is #rrggbb, `fence_m` its geofence (a polygon, empty without one).
+
+    `camera_url` is the address of its camera's stream, empty without one.
+    """
 
     vehicle_id: int
     colour: str
     start_m: Triple
     altitude_m: float
     fence_m: tuple[Pair, ...] = ()
+    camera_url: str = ""
 
 
 class OperatorRights(msgspec.Struct, frozen=True):
@@ -276,4 +280,5 @@ def _planned(mission: Mission, row: int, vehicle: MissionVehicle) -> PlannedVehi
         (*section.start_m, 0.0),
         section.altitude_m,
         tuple(section.limits(mission.safety).fence_m or ()),
+        section.camera_url or "",
     )

@@ -27,6 +27,7 @@ const LINES = [
   ["team", "ellipse", "--ink", 1, null, "uncertainty"],
   ["team", "reach", "--warning", 2, [4, 3], "uncertainty"],
   ["team", "velocity", "--ink", 3, null, "uncertainty"],
+  ["team", "camera", null, 1, [1, 2], "cameras"],
   ["team", "separation", null, 1.5, null, "separation"],
   ["team", "stale", null, 1.5, [2, 3], "separation"],
   ["team", "setpoint", null, 1.2, [2, 2], "setpoints"],
@@ -35,6 +36,7 @@ const AREAS = [
   ["keep-out", "--alarm", 0.12],
   ["ellipse", "--ink", 0.15],
   ["reach", "--warning", 0.1],
+  ["camera", "--ink", 0.06],
 ];
 
 maplibre.setWorkerUrl(import.meta.resolve("./vendor/maplibre-gl-worker.mjs")); // in a report it is not beside the library
