@@ -488,12 +488,11 @@ TABLE = (
     ),
     Row(
         Condition.GIMBAL_FAILED,
-        "the gimbal of a vehicle with `gimbal` does not report its attitude, does not follow, or another station "
-        "controls it",
+        "its camera's gimbal is silent or stuck, or another station controls it",
         "",
         (Reaction.DEGRADE,),
         BY_ITSELF,
-        "fly on without its camera, or point it with the station that controls it",
+        "fly on without its camera",
         reported=lambda status, _: status.gimbal_fault,
         explained_by=(Condition.TELEMETRY_STALE,),
     ),

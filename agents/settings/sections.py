@@ -220,9 +220,7 @@ class ChoreographySettings(Settings):
 
 
 class GimbalSettings(Settings):
-    """`gimbal` of a vehicle: its camera looks at the target, whatever the vehicle's yaw; `true` for all defaults
-    (docs/missions.md).
-    """
+    """`gimbal` of a vehicle: its camera looks at the target, whatever the vehicle's yaw (docs/missions.md)."""
 
     target_height_m: float = Field(
         0.0,

@@ -417,7 +417,9 @@ class VehicleSection(Settings):
         None, max_length=200, description="address of its camera's stream, such as `rtsp://192.168.1.20:554/main`"
     )
     gimbal: Annotated[GimbalSettings | None, BeforeValidator(_gimbal)] = Field(
-        None, description="see `gimbal`; none: its camera, if any, is left alone"
+        None,
+        description="its camera looks at the target: `true`, or a table with `target_height_m` (height above the "
+        "origin of what is looked at, 0.0) and `view_deg` (angle of view, 60.0)",
     )
 
     def limits(self, safety: SafetySettings) -> SafetySettings:
