@@ -10,7 +10,7 @@ import msgspec
 
 from agents.drops import Drops, Refusals
 from agents.team.external_positions import ExternalPosition
-from agents.team.messages import AutopilotReport, BusMessage
+from agents.team.messages import Aircraft, AutopilotReport, BusMessage
 from estimation.frames import Triple
 from estimation.state import Sighting, Telemetry
 
@@ -78,7 +78,7 @@ class VehicleStatus(AutopilotReport, frozen=True):
     explains its failsafe, `mode_by` what changed its flight mode last. `round_trip_s` is the time from a message to its
     answer [s of the mission clock]; `link_fault` describes how the link is degraded, `battery_fault` what the autopilot
     says of a battery, `gimbal_fault` why the gimbal does not follow the mission; `stale` names the repeated reports
-    that have stopped.
+    that have stopped. `traffic` are the nearest aircraft outside the vehicle that it receives.
     """
 
     connected: bool = False
@@ -103,6 +103,7 @@ class VehicleStatus(AutopilotReport, frozen=True):
     mode_by: ModeSource = ModeSource.UNKNOWN
     reference: Reference = Reference()
     gimbal_fault: str = ""
+    traffic: tuple[Aircraft, ...] = ()
 
 
 class Setpoint(msgspec.Struct, frozen=True):

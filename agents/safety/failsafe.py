@@ -56,6 +56,7 @@ class Condition(Enum):
     BATTERY_WARNING = "battery warning"
     STATUS_STALE = "status stale"
     GIMBAL_FAILED = "gimbal failed"
+    TRAFFIC_NEAR = "traffic near"
     COMPUTER_SHORT = "computer short of memory or disk"
     LEADER_LOST = "leader lost"
     PEER_SILENT = "peer silent"
@@ -485,6 +486,14 @@ TABLE = (
         "land it soon: nothing watches what is not reported",
         reported=lambda status, _: status.stale,
         explained_by=(Condition.TELEMETRY_STALE,),
+    ),
+    Row(
+        Condition.TRAFFIC_NEAR,
+        "an aircraft outside the team is nearer than `safety.traffic_distance_m`",
+        "",
+        (Reaction.DEGRADE,),
+        BY_ITSELF,
+        "look for it; land the team if it comes nearer",
     ),
     Row(
         Condition.GIMBAL_FAILED,

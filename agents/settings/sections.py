@@ -141,6 +141,12 @@ class SafetySection(Settings):
         2.0, gt=0.0, le=100.0, description="height difference beyond which vehicles do not evade"
     )
     keep_out_m: float = Field(0.0, ge=0.0, le=1000.0, description="least distance to the target; 0: none")
+    traffic_distance_m: float = Field(
+        0.0, ge=0.0, le=5000.0, description="distance to keep from aircraft outside the team; 0: none"
+    )
+    traffic_height_m: float = Field(
+        100.0, gt=0.0, le=5000.0, description="height difference beyond which such aircraft do not count"
+    )
     fence_m: Fence = Field((), description="corners of the fence, x and y each; empty: none")
     altitude_min_m: float | None = Field(None, ge=-500.0, le=9000.0, description="least altitude above the origin")
     altitude_max_m: float | None = Field(None, ge=-500.0, le=9000.0, description="largest altitude above the origin")

@@ -43,6 +43,8 @@ BIDS_LIMIT = 2500
 """More than the largest message of the auction: 254 members bid for eight rings (`agents/ring/auction.py`)."""
 RingNumber = Annotated[int, msgspec.Meta(ge=0, lt=RINGS_MAX)]
 TARGETS_MAX = 8
+TRAFFIC_MAX = 8
+"""The largest number of aircraft that an autopilot's receiver is listened to for: the nearest ones."""
 DID_LIMIT = ENDED_LIMIT = START_BLOCKERS_LIMIT = 120
 CONDITIONS_LIMIT = 16
 LINK_SILENT_S = 0.8
@@ -209,6 +211,19 @@ class RingChoice(msgspec.Struct, frozen=True, array_like=True):
     commanded: Annotated[tuple[CommandedRing, ...], msgspec.Meta(max_length=RINGS_MAX)] = ()
 
 
+class Aircraft(msgspec.Struct, frozen=True):
+    """An aircraft outside the team at `time_s`, as it reports itself by ADS-B or Remote ID.
+
+    `label` is its call sign, address or serial number, `altitude_m` is above the mission's origin, None if unknown.
+    """
+
+    label: _Name
+    time_s: Annotated[TimeS, Age(1e6)]
+    position_m: Metres2
+    velocity_m_s: tuple[_Speed, _Speed]
+    altitude_m: _Metres | None = None
+
+
 class MemberState(msgspec.Struct, frozen=True, array_like=True):
     """A vehicle's state at `time_s`: tactic, motion, and the undisturbed aim with its rate, for followers and guards.
 
@@ -219,7 +234,8 @@ class MemberState(msgspec.Struct, frozen=True, array_like=True):
     deviation of the position, `alert` the active failsafe condition, empty if none; `shape` is the formation's shape
     that operators commanded last, at `shaped_s`; None is the mission's. `drops` are the messages that it has dropped so
     far. `ring` is the ring that operators commanded. In a mission of several rings `choice` has it, and more.
-    These two, drops and sightings are for cordon's own use.
+    `traffic` are aircraft that its autopilot receives, once a second. These three, drops and sightings are for cordon's
+    own use.
     """
 
     sender: VehicleId
@@ -239,6 +255,7 @@ class MemberState(msgspec.Struct, frozen=True, array_like=True):
     sightings: tuple[TargetPackage, ...] = ()
     ring: Annotated[CommandedRing | None, Added(1)] = None
     choice: Annotated[RingChoice | None, Added(2)] = None
+    traffic: Annotated[tuple[Aircraft, ...], msgspec.Meta(max_length=TRAFFIC_MAX), Added(3)] = ()
 
 
 class MissionIdentity(msgspec.Struct, frozen=True, array_like=True):

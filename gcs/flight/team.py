@@ -164,6 +164,7 @@ class FlightTeam:
             truth=pace.truth_bytes_s > 0.0 and vehicle.id not in self.plan.stubs,
             external_positions=self._located_from_outside(vehicle),
             view_rad=None if vehicle.section.gimbal is None else radians(vehicle.section.gimbal.view_deg),
+            traffic=mission.safety.traffic_distance_m > 0.0,
         )
         link = CheckedLink(hub, config, clock)
         if link.truth is not None:

@@ -31,6 +31,7 @@ from gcs.link.rates import (
 )
 from gcs.link.status_texts import quoted
 from gcs.link.streams import Streams
+from gcs.link.traffic import ADSB_VEHICLE, ADSB_VEHICLE_HZ
 
 Result = TypeVar("Result")
 
@@ -218,6 +219,9 @@ class VehicleCalls:
         if self._feed.gimbal is not None:
             await self._request(GIMBAL_ATTITUDE, POINTINGS_HZ)
             await self._request(GIMBAL_CONTROL, GIMBAL_CONTROL_HZ)
+        if self._feed.asks_traffic:
+            await self._request(ADSB_VEHICLE, ADSB_VEHICLE_HZ)
+            self._streams.forget(ADSB_VEHICLE)  # as many arrive as there are aircraft
 
     async def correct_rates(self) -> bool:
         """Request again what arrives at another rate than requested, and return whether all was right.

@@ -18,7 +18,7 @@ class LinkConfig:
     position and for its arming checks and is time of the mission clock. With a `signing_key` (32 bytes) every message
     to and from the vehicle is signed. With `truth` a simulator's true motion is requested. With
     `external_positions` its autopilot receives external positions. `view_rad` is the angle of view of a camera whose
-    gimbal is pointed, None without one.
+    gimbal is pointed, None without one. With `traffic` the aircraft that it hears are requested.
     """
 
     url: str
@@ -32,6 +32,7 @@ class LinkConfig:
     truth: bool = False
     external_positions: bool = False
     view_rad: float | None = None
+    traffic: bool = False
 
 
 def full_rates(link: LinkSection, loop_hz: float) -> Rates:

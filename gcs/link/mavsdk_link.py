@@ -222,6 +222,7 @@ class MavsdkLink:
             truth=self.truth,
             transit=self._transit,
             view_rad=self._config.view_rad,
+            asks_traffic=self._config.traffic,
         )
         self._gimbal = feed.gimbal
         received = partial(self._hub.messages, self._config.system_id)
@@ -521,6 +522,7 @@ class MavsdkLink:
             if self._clock.is_governed:
                 self._hub.send_heartbeats(self._config.url)  # MAVSDK sends heartbeats by the wall's clock
             feed.reports.expire()
+            feed.expire_traffic()
             feed.judge_connection()
             silent = feed.motion_age_s > SILENCE_MAX_S
             if silent and (feed.origin_m is not None or feed.is_doubted):

@@ -42,6 +42,9 @@ def _digest(mission: Mission) -> str:
     """Return 16 hexadecimal digits of the digest of sections, vehicles and profiles, without their file paths."""
     sections = {name: getattr(mission, name).model_dump(mode="json") for name in _SECTIONS}
     sections["target"] = _comparable(mission.target)
+    if not mission.safety.traffic_distance_m:
+        for key in ("traffic_distance_m", "traffic_height_m"):
+            sections["safety"].pop(key)
     if mission.targets:
         sections["targets"] = [_comparable(each) for each in mission.targets]
     if mission.rings:

@@ -167,6 +167,11 @@ class MavlinkVehicle:
             self._send(self._param_value(self._listing.pop()))
         return self._outbox.take()
 
+    def pass_on(self, report: Outgoing) -> list[bytes]:
+        """Return the packets of a message that a receiver on board heard, such as ADSB_VEHICLE."""
+        self._send(report)
+        return self._outbox.take()
+
     def begin_mission(self) -> None:
         """Draw the noise of the mission from its seed."""
         self._reporter.begin_mission()

@@ -21,6 +21,7 @@ from sitl.faults import VehicleFaults, VehicleInjection, shifted
 from sitl.mavlink.protocol import MavlinkVehicle
 from sitl.mavlink.reports import EstimatorNoise, MavlinkConfig
 from sitl.mavlink.signing import SigningKey
+from sitl.mavlink_constants import Outgoing
 from sitl.server.endpoint import LOOPBACK, Endpoint, StubClock, bound
 from sitl.server.governed_clock import GovernedClock, MotionTransit, SetpointTransit
 from sitl.server.setpoint_stream import SetpointStream
@@ -215,6 +216,10 @@ class Stub:
     def send_heartbeat(self) -> None:
         """Send a heartbeat beside those that are due."""
         self.endpoint.send(self._vehicle.heartbeat())
+
+    def hear(self, report: Outgoing) -> None:
+        """Pass on a message that a receiver on board hears now: its id and its fields, such as those of ADSB_VEHICLE."""
+        self.endpoint.send(self._vehicle.pass_on(report))
 
     def on_motion(self, ned: tuple[float, ...]) -> None:
         """Take position and velocity in NED that are about to be sent; implements the protocol's `Observer`."""
