@@ -60,9 +60,8 @@ class TrafficReceiver:
         return tuple(sorted(near, key=lambda each: each.label))
 
     def _add(self, key: str, aircraft: Aircraft) -> bool:
-        if dist(aircraft.position_m, (0.0, 0.0)) > RANGE_M or (
-            key not in self._known and len(self._known) >= KNOWN_MAX
-        ):
+        is_full = key not in self._known and len(self._known) >= KNOWN_MAX
+        if is_full or dist(aircraft.position_m, (0.0, 0.0)) > RANGE_M:
             return False
         self._known[key] = aircraft
         return True
@@ -73,12 +72,12 @@ class TrafficReceiver:
             return None
         place = _place(fields["lat"], fields["lon"])
         known = flags & _HEADING and flags & _VELOCITY
-        moves = (fields["heading"], fields["hor_velocity"]) if known else (0.0, 0.0)
+        heading, speed = (fields["heading"], fields["hor_velocity"]) if known else (0.0, 0.0)
         altitude_m = None
         if flags & _ALTITUDE and self._frame.origin is not None:
             altitude_m = fields["altitude"] * 1e-3 - self._frame.origin.altitude_m
         label = _text(fields["callsign"]) if flags & _CALLSIGN else ""
-        return key, self._aircraft(label or key, place, altitude_m, *moves, ago_s=float(fields["tslc"]))
+        return key, self._aircraft(label or key, place, altitude_m, heading, speed, float(fields["tslc"]))
 
     def _drone(self, fields: Fields) -> tuple[str, Aircraft] | None:
         if not (fields["latitude"] or fields["longitude"]):
@@ -124,8 +123,5 @@ def _address(fields: Fields) -> str:
 
 def _text(field: Any) -> str:
     """Return a text of a message: of its characters, or of their codes."""
-    if isinstance(field, str):
-        text = field
-    else:
-        text = bytes(field).split(b"\0")[0].decode("ascii", "replace")
+    text = field if isinstance(field, str) else bytes(field).decode("ascii", "replace")
     return printable(text.partition("\0")[0]).strip()[:LABEL_MAX]

@@ -218,7 +218,7 @@ class Stub:
         self.endpoint.send(self._vehicle.heartbeat())
 
     def hear(self, report: Outgoing) -> None:
-        """Pass on a message that a receiver on board hears now: its id and its fields, such as those of ADSB_VEHICLE."""
+        """Pass on a message that a receiver on board hears: its id and its fields, such as those of ADSB_VEHICLE."""
         self.endpoint.send(self._vehicle.pass_on(report))
 
     def on_motion(self, ned: tuple[float, ...]) -> None:
