@@ -116,6 +116,16 @@ class TargetPicture(msgspec.Struct, frozen=True):
     lost_speed_m_s: float | None = None
 
 
+class TrafficPicture(msgspec.Struct, frozen=True):
+    """An aircraft outside the team, as it reported itself `age_s` ago; its altitude is None if it is not known."""
+
+    label: str
+    position_m: Pair
+    velocity_m_s: Pair
+    altitude_m: float | None
+    age_s: float
+
+
 class LostPicture(msgspec.Struct, frozen=True):
     """A flight whose messages have stopped while its vehicles may be in the air.
 
@@ -141,6 +151,7 @@ class TeamPicture(_Picture, frozen=True, tag="team"):
     until the next messages.
 
     With several rings `target` and `ring` are None: `targets` and `rings` have those of all, in the mission's order.
+    `traffic` are aircraft outside the team that a vehicle has received in flight.
     """
 
     time_s: float | None
@@ -155,6 +166,7 @@ class TeamPicture(_Picture, frozen=True, tag="team"):
     ring: RingValues | None = None
     targets: tuple[TargetPicture | None, ...] | UnsetType = UNSET
     rings: tuple[RingValues | None, ...] | UnsetType = UNSET
+    traffic: tuple[TrafficPicture, ...] = ()
 
 
 class EventPicture(_Picture, frozen=True, tag="event"):

@@ -23,7 +23,8 @@ const hasFence = (vehicle) => vehicle.fence_m.length > 2;
 /** The targets with their rings, and the setpoints or aims and circles of vehicles, of a TeamPicture. */
 export function teamMarks(mission, team, frame) {
   const targets = targetsOf(team).flatMap((target, number) => (target ? targetMarks(mission, team, number, frame) : []));
-  return collection([...targets, ...team.vehicles.flatMap((vehicle) => vehicleMarks(mission, vehicle, team, frame))]);
+  const traffic = (team.traffic ?? []).map((each) => trafficMark(each, frame));
+  return collection([...targets, ...traffic, ...team.vehicles.flatMap((vehicle) => vehicleMarks(mission, vehicle, team, frame))]);
 }
 
 function targetMarks(mission, team, number, frame) {
@@ -67,6 +68,11 @@ export function reach({ lost_speed_m_s, sighting_age_s, covariance_m2: [xx, , yy
 export function flownRadius(vehicles) {
   const radii = vehicles.filter((each) => !each.is_stale && each.tactic === "encircle" && each.radius_m !== null);
   return radii.length ? radii.reduce((sum, each) => sum + each.radius_m, 0) / radii.length : null;
+}
+
+/** An aircraft outside the team, with its way in `VELOCITY_SHOWN_S`. */
+function trafficMark({ position_m, velocity_m_s }, frame) {
+  return line("traffic", [[position_m, ahead(position_m, velocity_m_s)], ...cross(position_m, 3)], frame);
 }
 
 /** What a camera covers of the ground at the origin's height, to `FAR_M` from the vehicle: where its cone of view meets it. */

@@ -56,7 +56,7 @@ def test_the_newest_report_counts_for_ten_seconds_whoever_sent_it(make_config: M
     traffic.update(at(104.0 + AGED_S - 0.1), ())
     assert len(traffic.others) == 2
     traffic.update(at(104.0 + AGED_S + 0.1), ())
-    assert traffic.others == ()
+    assert not traffic.others
 
 
 def test_no_number_of_aircraft_fills_the_memory_and_only_those_heard_here_are_passed_on(make_config: Maker) -> None:
