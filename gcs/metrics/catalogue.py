@@ -178,9 +178,11 @@ VEHICLE = (
         "formation spacing error rms", "m", ".3f", "spacing\nrms [m]", worst="max", drawn=True,
         judged=Criterion("formation", "formation_spacing_error_rms_m", "spacing")),
     Metric("height_error_rms_m", "error of the height on a ring with an altitude or a tilt, rms", worst="max"),
+    Metric("pointing_error_rms_deg", "angle between the camera, as its gimbal reports it, and the target, rms",
+        worst="max"),
 )  # fmt: skip
 """Of each vehicle."""
-ON_RING = tuple(each for each in VEHICLE if each.name.startswith(("radius", "angular_rate", "height")))
+ON_RING = tuple(each for each in VEHICLE if each.name.startswith(("radius", "angular_rate", "height", "pointing")))
 """Of each vehicle on a ring."""
 TRANSITION = (
     Metric("settling_time_s", "time from an engagement to the settled ring", worst="max"),

@@ -11,13 +11,14 @@ from numpy.typing import NDArray
 from agents.notes import AlertChange, CommandOutcome, Note
 from agents.outputs import CoreStatus
 from agents.tactics import NO_TACTIC
-from agents.team.messages import CommandAnswer, CommandKey, MemberState, NeighbourAngle
+from agents.team.messages import CameraView, CommandAnswer, CommandKey, MemberState, NeighbourAngle
 from agents.team.team import ring_of
 from estimation.state import MOTION, POSITION, VELOCITY, Vector
 from gcs.metrics.apart import closest_on_ways_m, ways_s
 from gcs.metrics.ending import VehicleEnding
 from gcs.metrics.record import (
     GAP_MAX_S,
+    CameraTrack,
     FlightEvent,
     FlightRecord,
     GuardTally,
@@ -194,7 +195,8 @@ class RunTotals:
 
     `truth` holds simulators' true tracks by system id. `seed` overrides the seed of the mission. `endings` are those of
     the vehicles, as far as known. `faults` are those injected into stub vehicles. `kinds` are the vehicles' kinds by
-    id. `target_path` holds the times (K,) and true positions (K, 2) of a target that reacts, None of any other.
+    id. `target_path` holds the times (K,) and true positions (K, 2) of a target that reacts, None of any other. `views`
+    are where cameras looked, by the vehicles' ids.
     """
 
     source: str
@@ -207,6 +209,7 @@ class RunTotals:
     faults: tuple[InjectedFault, ...] = ()
     kinds: Mapping[int, str] = field(default_factory=dict)
     target_path: tuple[Vector, Vector] | None = None
+    views: Mapping[int, Sequence[CameraView]] = field(default_factory=dict)
 
 
 class Journal:
@@ -315,6 +318,7 @@ class Journal:
             targets=targets,
             ring_targets=ring_targets_of(mission),
             ways_closest_m=self._ways_closest_m(run.truth if true else (), start_s, start_s + float(time_s[-1])),
+            cameras={i: self._camera(i, views, start_s) for i, views in run.views.items() if views},
         )
 
     def _ways_closest_m(self, truth: Sequence[TruthTrack], start_s: float, end_s: float) -> float | None:
@@ -328,6 +332,12 @@ class Journal:
         grid_s = ways_s([time_s for time_s, _ in paths], (start_s, end_s))
         position_m = np.array([path_on_grid_m(*path, grid_s) for path in paths if path[0].size])
         return closest_on_ways_m(position_m, HEIGHT_SHARE * self._mission.safety.vertical_separation_m)
+
+    def _camera(self, vehicle_id: int, views: Sequence[CameraView], start_s: float) -> CameraTrack:
+        """Return where a vehicle's camera looked; the target's own height counts where the mission has it."""
+        gimbal, height_m = self._mission.vehicle(vehicle_id).section.gimbal, self._mission.target.altitude_m
+        aimed_m = 0.0 if gimbal is None else gimbal.target_height_m
+        return CameraTrack.of(views, start_s, aimed_m if height_m is None else height_m)
 
     def _target_number(self, ring: int) -> int:
         """Return the number of a ring's target."""
