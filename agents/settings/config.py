@@ -11,6 +11,7 @@ from agents.settings.sections import (
     ExcitationSettings,
     FailsafeSettings,
     FormationSettings,
+    GimbalSettings,
     SafetySettings,
 )
 from agents.settings.shapes import SHAPES, Shape, SpacedShape, gap_m, offset_m
@@ -48,6 +49,7 @@ class AgentConfig:
     and `altitude_lowest_m` the lowest flying height (None: its own). The ring's lowest vehicle stays between the two of
     `lowest_between_m`, which keeps every vehicle inside its limits. `slots_m` are the positions in a free formation,
     `gaps` the weights of the ring's gaps. With `excitation` it flies for identification.
+    With a `gimbal` its camera looks at the target.
 
     A mission of several rings has them all in `rings`, and the names of its targets in `targets`; `ring` is the number
     of the one that the vehicle flies, whose settings are `encirclement`. Both are empty with one ring.
@@ -76,6 +78,7 @@ class AgentConfig:
     slots_m: tuple[tuple[float, float], ...] = ()
     gaps: Mapping[int, float] = field(default_factory=dict, hash=False)
     excitation: ExcitationSettings | None = None
+    gimbal: GimbalSettings | None = None
     profile: str = ""
     targets: tuple[str, ...] = ()
     rings: tuple[RingConfig, ...] = ()

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from gcs.metrics.apart import closest_approach_m
 from gcs.metrics.catalogue import Verdicts, judge, not_judged
 from gcs.metrics.departures import departures
 from gcs.metrics.ending import TeamEnding
@@ -90,6 +91,7 @@ def evaluate(
         transitions=transitions(record, motion, ring, ring.began_s(changes_s)),
         reynolds=_reynolds(record, window),
         closest_approach_m=_closest_approach_m(record, ring.above_m),
+        ways_closest_m=record.ways_closest_m,
         guard_interventions=None if record.guard is None else record.guard.interventions,
         guard_causes={} if record.guard is None else dict(record.guard.causes),
         loop=LoopResult.of(record.loop),
@@ -138,18 +140,7 @@ def _reynolds(record: FlightRecord, window: Mask) -> ReynoldsResult:
 
 
 def _closest_approach_m(record: FlightRecord, above_m: float | None) -> float | None:
-    """Return the smallest horizontal distance of two vehicles, None if no two were measured at one time.
-
-    With `above_m` two whose heights differ by as much do not count; where heights are not known, none are measured.
-    """
-    x, y = (np.array([track.position_m[:, axis] for track in record.vehicles]) for axis in (0, 1))
-    if above_m is not None:
-        unknown_m = np.full(record.time_s.shape, np.nan)
-        z = np.array([unknown_m if each.altitude_m is None else each.altitude_m for each in record.vehicles])
-    closest_m = np.inf
-    for row in range(len(x) - 1):
-        apart_m = np.hypot(x[row + 1 :] - x[row], y[row + 1 :] - y[row])
-        if above_m is not None:
-            apart_m[~(np.abs(z[row + 1 :] - z[row]) < above_m)] = np.nan
-        closest_m = min(closest_m, float(np.fmin.reduce(apart_m, axis=None, initial=np.inf)))
-    return closest_m if closest_m < np.inf else None
+    x_m, y_m = (np.array([track.position_m[:, axis] for track in record.vehicles]) for axis in (0, 1))
+    unknown_m = np.full(record.time_s.shape, np.nan)
+    height_m = np.array([unknown_m if each.altitude_m is None else each.altitude_m for each in record.vehicles])
+    return closest_approach_m(x_m, y_m, height_m, above_m)

@@ -6,6 +6,7 @@ from itertools import pairwise
 from math import radians
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
+from urllib.parse import urlsplit
 
 from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 
@@ -20,11 +21,13 @@ from agents.settings.sections import (
     FailsafeSettings,
     Fence,
     FormationSettings,
+    GimbalSettings,
     SafetySettings,
     pair,
     pairs,
 )
 from agents.team.messages import MissionIdentity
+from agents.team.text import printable
 from estimation.frames import Geodetic, MissionFrame, Triple
 from estimation.plant.model import Plant
 from estimation.profile.autopilots import DEFAULT, AutopilotName
@@ -185,6 +188,18 @@ class SensorChange(SensorSection):
     """`sensor` of a vehicle: values that replace those of `[target.sensor]` for this vehicle."""
 
     range_m: float = Field(10000.0, gt=0.0, le=10000.0, description="largest distance of a sighting")
+
+
+class ChecklistItem(Settings):
+    """`[[checklist]]`: what people check before take-off. Nothing is armed until all required items are ticked, on the
+    operator's page or by `--checklist-done NAME`.
+    """
+
+    text: str = Field(min_length=1, max_length=200, pattern=r"^[^\x00-\x1f\x7f]*$", description="what to check")
+    required: bool = Field(True, description="whether take-off waits for it")
+
+
+CHECKLIST_MAX = 50
 
 
 class LegSection(Settings):
@@ -359,6 +374,28 @@ def _by_id(default: Callable[[int], str], description: str) -> Any:
     return Field(default_factory=lambda known: default(known.get("id", 1)), description=description)
 
 
+_STREAMS = ("rtsp", "rtsps", "http", "https")
+
+
+def _stream_url(url: str) -> str:
+    """Return the address of a stream. Logs and pages show it: it must hold no password."""
+    try:
+        parts = urlsplit(url)
+        known = parts.scheme in _STREAMS and bool(parts.hostname) and (parts.port is None or parts.port > 0)
+    except ValueError:
+        known = False
+    if not known or printable(url) != url or " " in url:
+        raise ValueError("a stream's address is like rtsp://192.168.1.20:554/main or http://192.168.1.20/video")
+    if parts.username is not None:
+        raise ValueError("it must not hold a user or a password: logs and pages show it")
+    return url
+
+
+def _gimbal(value: object) -> object:
+    """Return the table of a gimbal for `gimbal = true`, and none for false."""
+    return value if not isinstance(value, bool) else ({} if value else None)
+
+
 class VehicleSection(Settings):
     """`[[vehicles]]`: one vehicle. Default ports depend on the id; urls are those of PX4's simulator."""
 
@@ -389,6 +426,14 @@ class VehicleSection(Settings):
     )
     decision: DecisionSettings | None = Field(None, description="keys in place of those of `[decision]`")
     sensor: SensorChange | None = Field(None, description="keys in place of those of `[target.sensor]`")
+    camera_url: Annotated[str, AfterValidator(_stream_url)] | None = Field(
+        None, max_length=200, description="address of its camera's stream, such as `rtsp://192.168.1.20:554/main`"
+    )
+    gimbal: Annotated[GimbalSettings | None, BeforeValidator(_gimbal)] = Field(
+        None,
+        description="its camera looks at the target: `true`, or a table with `target_height_m` (height above the "
+        "origin of what is looked at, 0.0) and `view_deg` (angle of view, 60.0)",
+    )
 
     def limits(self, safety: SafetySettings) -> SafetySettings:
         """Return the safety settings of this vehicle: the team's, with its own fence and altitude limits."""
@@ -498,6 +543,7 @@ class Mission:
     folder: Path = field(default=Path(), compare=False)
     targets: tuple[TargetSection, ...] = ()
     rings: tuple[MissionRing, ...] = ()
+    checklist: tuple[ChecklistItem, ...] = field(default=(), compare=False)
 
     def of_ring(self, number: int) -> "Mission":
         """Return the mission as one of a single ring and its target; raises IndexError if there is no such ring."""
@@ -586,6 +632,7 @@ class Mission:
             slots_m=tuple(each.section.slot_m for each in self.vehicles if each.section.slot_m is not None),
             gaps=self.gaps,
             excitation=self.excitation if self.excites else None,
+            gimbal=vehicle.section.gimbal,
             profile=vehicle.section.profile,
             targets=tuple(each.name for each in self.targets),
             rings=tuple(

@@ -10,6 +10,7 @@ from estimation.frames import Triple
 from gcs.autopilots.autopilot import Autopilot, Evidence, VehicleKind
 from gcs.autopilots.registry import UNKNOWN
 from gcs.link.batteries import BatteryReport
+from gcs.link.gimbal import NO_GIMBAL_FACTS, GimbalFacts
 from gcs.link.rates import Losses
 from gcs.link.relay.gate import LinkReport
 from gcs.link.self_reports import EstimatorReport
@@ -111,7 +112,8 @@ class VehicleFacts:
     reported. Parameters, `estimator`, `fence_areas` and the rally points `rally_m` that could not be read are None.
     `link` is the traffic with its system id, from it and from others; `link_bytes_s` is the traffic per second on its
     connection, from all vehicles there, and `losses` what the connection loses. `uid` and `vendor_id` are those of its
-    AUTOPILOT_VERSION. Raises ValueError for numbers that are not finite.
+    AUTOPILOT_VERSION. `gimbal` is that of a camera that the mission points. Raises ValueError for numbers that are
+    not finite.
     """
 
     vehicle_id: int
@@ -141,6 +143,7 @@ class VehicleFacts:
     system_id: int = 0
     uid: int | None = None
     vendor_id: int | None = None
+    gimbal: GimbalFacts = NO_GIMBAL_FACTS
 
     def __post_init__(self) -> None:
         numbers = [self.telemetry_rate_hz or 0.0, self.telemetry_rate_asked_hz, self.clock_ratio or 0.0]

@@ -15,7 +15,7 @@ from collections.abc import Awaitable, Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from functools import partial
-from math import inf
+from math import inf, radians
 from typing import Any, NamedTuple
 
 from mavsdk.plugins.geofence import FenceType, Geofence, GeofenceError
@@ -32,6 +32,7 @@ from gcs.autopilots.autopilot import Autopilot
 from gcs.link.calls import AUTOPILOT_COMPONENT, NotReadyError, VehicleCalls, command_long, find_origin
 from gcs.link.config import link_paces
 from gcs.link.feed import VehicleFeed
+from gcs.link.gimbal import FOUND_WITHIN_S, NO_GIMBAL_FACTS, CameraGimbal
 from gcs.link.hub import MavsdkHub
 from gcs.link.mavsdk_link import MavsdkLink
 from gcs.link.rates import FRAMES_MIN, Losses, RateController, Rates, Traffic
@@ -337,7 +338,9 @@ async def _facts(
         await connection.streaming.over()
         return VehicleFacts(vehicle_id=vehicle.id, unreachable=(refusal.reason, refusal.next_step))
     clock = WallClock()
-    feed = VehicleFeed(system, frame, clock, hub.posted_calls)
+    gimbal = vehicle.section.gimbal
+    view_rad = None if gimbal is None else radians(gimbal.view_deg)
+    feed = VehicleFeed(system, frame, clock, hub.posted_calls, view_rad=view_rad)
     calls = VehicleCalls(system_id, feed, clock, partial(hub.messages, system_id))
     try:
         feed.subscribe()
@@ -400,6 +403,8 @@ class _VehicleQuery(NamedTuple):
         )
         await self._all_batteries()
         feed = self.feed
+        if feed.gimbal is not None:
+            await self.calls.told(partial(_is_known, feed.gimbal), FOUND_WITHIN_S)
         return VehicleFacts(
             vehicle_id=self.vehicle_id,
             autopilot=autopilot,
@@ -424,6 +429,7 @@ class _VehicleQuery(NamedTuple):
             parameters=parameters,
             fence_areas=areas,
             rally_m=rally_m,
+            gimbal=NO_GIMBAL_FACTS if feed.gimbal is None else feed.gimbal.facts,
         )
 
     async def _all_batteries(self) -> None:
@@ -446,6 +452,10 @@ class _VehicleQuery(NamedTuple):
             listened_s = self.feed.link_s() - began_s
             self.feed.plugin.unsubscribe_position_velocity_ned(handle)
         return ratio, samples / listened_s / (ratio or 1.0)
+
+
+def _is_known(gimbal: CameraGimbal) -> bool:
+    return gimbal.facts.answers
 
 
 def _is_healthy(feed: VehicleFeed) -> bool:

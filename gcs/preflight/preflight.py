@@ -23,6 +23,7 @@ from gcs.preflight.senders import senders
 from gcs.preflight.vehicle import (
     at_rest,
     battery,
+    camera,
     clock_rate,
     clock_setting,
     elsewhere,
@@ -49,6 +50,7 @@ VEHICLE_CHECKS: tuple[Check, ...] = (
     lambda facts, _mission, vehicle: latency(facts, vehicle),
     losses,
     lambda facts, _mission, _vehicle: clock_rate(facts),
+    lambda facts, _mission, vehicle: camera(facts, vehicle),
 )
 """The checks of every vehicle that is received."""
 AUTOPILOT_CHECKS: tuple[Check, ...] = (

@@ -12,6 +12,7 @@ from estimation.plant.model import Identification
 from estimation.profile.profile import AxisSection, LimitsSection, ProfileFile
 from estimation.settings import OwnFilterSettings, Settings
 from gcs.mission.mission import (
+    ChecklistItem,
     EvadesSection,
     LegSection,
     RingKeys,
@@ -35,6 +36,7 @@ _MISSION: dict[str, type[Settings]] = {
     "[target.evades]": EvadesSection,
     "[[rings]]": RingKeys,
     "[[vehicles]]": VehicleSection,
+    "[[checklist]]": ChecklistItem,
 }
 _PROFILE: dict[str, type[Settings]] = {
     "Above all sections": ProfileFile,
