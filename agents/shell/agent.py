@@ -19,6 +19,7 @@ from agents.inputs import (
     Killed,
     Message,
     Presence,
+    Rejoined,
     Start,
     TacticEvent,
     TimeScale,
@@ -174,15 +175,23 @@ class Agent:
         self._phase = Phase.GROUND
         self._over = asyncio.Event()
         self.started = asyncio.Event()  # by an operator, if it waits on the ground; also set when its motors are cut
+        self.rejoining = asyncio.Event()
+        """An operator commands the vehicle, whose flight has ended, to take off again; `fly_again` or `stay` clears it."""
+        self._begin()
+        self._duration_s = 0.0
+        self._stop = Stop()
+        self._perform = self._performers()
+
+    def _begin(self) -> None:
+        """Begin a flight: nothing of it has happened yet."""
+        self._over.clear()
+        self.rejoining.clear()
         self._refusal: VehicleRefusedError | None = None
         self._override_reason = ""
         self._outcome = Outcome(FlightEnd.LANDED)
         self._failure: Exception | None = None
         self._flew = self._took_off = self._is_unaccounted = False
         self._ended_s: float | None = None
-        self._duration_s = 0.0
-        self._stop = Stop()
-        self._perform = self._performers()
 
     @property
     def phase(self) -> Phase:
@@ -249,6 +258,24 @@ class Agent:
         An exception that is not a refusal is raised once the vehicle is on the ground.
         """
         return await self._live(LifeEvent.FLY, duration_s, stop)
+
+    async def fly_again(self, duration_s: float, stop: Stop) -> Outcome:
+        """Fly the mission that the others still fly, after an earlier flight has ended; ends and raises as `fly`.
+
+        `duration_s` is that of the mission, from its start on.
+        """
+        self._core.take(Rejoined(self._clock.now_s(), ""))
+        self._loop.answer()
+        self._begin()
+        self._loop.restart()
+        self._reporter.begin_again()
+        return await self._live(LifeEvent.FLY, duration_s, stop)
+
+    def stay(self, refusal: str) -> None:
+        """Answer that the vehicle does not take off again, and why."""
+        self.rejoining.clear()
+        self._core.take(Rejoined(self._clock.now_s(), refusal))
+        self._loop.answer()
 
     async def recover(self, together: Collection[int], hold_s: float, stop: Stop) -> Outcome:
         """Take a vehicle that is in the air, hold it where it is, and bring it home; ends and raises as `fly`.
@@ -365,10 +392,20 @@ class Agent:
             self._loop.answer()
         if self._phase is Phase.GROUND and (commands.starts or commands.start_blockers is not None):
             self._loop.tick_only()
+        if commands.rejoins:
+            self._prepare_to_rejoin()
         if commands.kills:
             self._happen(LifeEvent.KILL)
         if commands.starts or commands.kills:
             self.started.set()
+
+    def _prepare_to_rejoin(self) -> None:
+        """Let what flies the team check a vehicle whose flight has ended, also one that its pilot has landed."""
+        self._happen(LifeEvent.REJOIN)
+        if self._phase is Phase.ENDED:
+            self.rejoining.set()
+        else:
+            self.stay("its flight has not ended")
 
     def _note_presence(self, vehicle_id: int, present: bool) -> None:
         self._start_agreement.note_presence(vehicle_id, present)

@@ -41,6 +41,7 @@ class LifeEvent(Enum):
     """
 
     FLY = "fly"
+    """Take off and fly the mission, also after an earlier flight of the vehicle has ended."""
     ADOPT = "adopt"
     """The vehicle is in the air, and is taken from its autopilot or another ground station."""
     ACCOMPANY = "accompany"
@@ -63,6 +64,8 @@ class LifeEvent(Enum):
     SETPOINTS_LOST = "setpoints not received"
     """The autopilot's failsafe left offboard for lack of setpoints."""
     RESUME = "resume"
+    REJOIN = "rejoin"
+    """The vehicle, which its pilot or its autopilot has landed, is to take off again."""
     ARMED = "armed"
     DISARMED = "disarmed"
     OFFBOARD_LEFT = "offboard left"
@@ -148,6 +151,8 @@ TRANSITIONS: dict[tuple[Phase, LifeEvent], Transition] = {
     # The agent still controls the vehicle, which stays in its phase.
     **{(phase, LifeEvent.SETPOINTS_LOST): (phase, (Action.START_OFFBOARD,)) for phase in _WITHOUT_SETPOINTS},
     (Phase.GROUND, LifeEvent.FLY): (Phase.COMPARING_CLOCKS, (Action.COMPARE_CLOCKS,)),
+    # Its flight has ended, and its team still flies.
+    (Phase.ENDED, LifeEvent.FLY): (Phase.COMPARING_CLOCKS, (Action.COMPARE_CLOCKS,)),
     # A vehicle in the air needs no take-off; from offboard on it is flown as one that has taken off.
     (Phase.GROUND, LifeEvent.ADOPT): (Phase.HOVERING, (Action.ADOPT, Action.START_CONTROL)),
     (Phase.GROUND, LifeEvent.ACCOMPANY): (
@@ -212,6 +217,7 @@ TRANSITIONS: dict[tuple[Phase, LifeEvent], Transition] = {
     (Phase.STOPPING, LifeEvent.FAULT): _CHECK,
     (Phase.STOPPING, LifeEvent.ABORTED): _CHECK,
     (Phase.PILOT_OVERRIDE, LifeEvent.RESUME): (Phase.TAKING_BACK, (Action.TAKE_BACK,)),
+    (Phase.PILOT_OVERRIDE, LifeEvent.REJOIN): _LEAVE,
     (Phase.PILOT_OVERRIDE, LifeEvent.START_AGREED): (Phase.PILOT_OVERRIDE, (Action.START_MISSION,)),
     (Phase.PILOT_OVERRIDE, LifeEvent.START_REFUSED): _LEAVE,
     (Phase.PILOT_OVERRIDE, LifeEvent.DURATION_OVER): _LEAVE_AT_END,

@@ -137,8 +137,12 @@ class KeyBindings:
         if selection and int(selection) not in self._vehicles:
             self._note(f"there is no vehicle {selection}", now_s)
             return None
-        if selection and int(selection) in ended:
-            self._note(f"the flight of vehicle {selection} has ended", now_s)
+        if row.is_for_landed and not selection:
+            self._note(f"{row.name}: select a vehicle that has landed first", now_s)
+            return None
+        if selection and (int(selection) in ended) is not row.is_for_landed:
+            state = "not ended" if row.is_for_landed else "ended"
+            self._note(f"the flight of vehicle {selection} has {state}", now_s)
             return None
         command = KeyedCommand(row.name, int(selection) if selection else None)
         self._question = self._question_about(command, now_s, piloted, ended)
@@ -151,7 +155,8 @@ class KeyBindings:
         self, command: KeyedCommand, now_s: float, piloted: Collection[int], ended: Collection[int]
     ) -> _Question | None:
         """Return the question that confirms a command, None if it needs none."""
-        asked = [each for each in self._vehicles if each not in ended and command.vehicle in (None, each)]
+        flying = [each for each in self._vehicles if each not in ended]
+        asked = flying if command.vehicle is None else [command.vehicle]
         of_pilots = [each for each in asked if each in piloted]
         whom = _named(asked)
         row = VERBS[command.verb]
@@ -159,6 +164,8 @@ class KeyBindings:
             case "word":
                 text = f"type {row.name} and Enter to {row.does} {whom}: "
                 return _Question(command, text, f"{row.name}\n", now_s + TYPED_WITHIN_S)
+            case "take-off":
+                text = f"{row.does} {whom}"
             case "all" if command.vehicle is None:
                 text = f"{row.does} {whom}"
             case "pilots" if of_pilots:
