@@ -174,12 +174,13 @@ class CommandHandler:
     def on_rejoined(self, refusal: str, now_s: float) -> None:
         """Take what became of a rejoin: why it was refused, empty if the vehicle takes off again."""
         answer = _refused(refusal) if refusal else _Answer(VERBS["rejoin"].done)
+        if not refusal:
+            self._abort, self.starts = None, False
+            self._unanswered.clear()  # what came after its flight was answered without a tick
         for command in self._rejoins:
             self._record(command, answer, now_s)
             self._unanswered[command.key] = None
         self._rejoins.clear()
-        if not refusal:
-            self._abort, self.starts = None, False
 
     def answers(self, now_s: float) -> tuple[CommandAnswer, ...]:
         """Return and remove the answers since the last call."""
@@ -206,10 +207,9 @@ class CommandHandler:
                 self._kills.append(command)
                 self._abort = None
                 return _Answer(row.did, "begun"), row.event
-            case "start":
-                return self._start(row), None
-            case "rejoin":
-                return self._rejoin(command, row, circumstances), None
+            case "start" | "rejoin":
+                starts = command.verb == "start"
+                return self._start(row) if starts else self._rejoin(command, row, circumstances), None
             case _ if hindrance := self._hindrance(circumstances):
                 return _refused(hindrance), None
             case "abort":

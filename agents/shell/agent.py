@@ -176,7 +176,7 @@ class Agent:
         self._over = asyncio.Event()
         self.started = asyncio.Event()  # by an operator, if it waits on the ground; also set when its motors are cut
         self.rejoining = asyncio.Event()
-        """An operator commands the vehicle, whose flight has ended, to take off again; `fly_again` or `stay` clears it."""
+        """Set while an operator's command to take off again awaits `fly_again` or `stay`; its flight has ended."""
         self._begin()
         self._duration_s = 0.0
         self._stop = Stop()
@@ -265,9 +265,9 @@ class Agent:
         `duration_s` is that of the mission, from its start on.
         """
         self._core.take(Rejoined(self._clock.now_s(), ""))
-        self._loop.answer()
         self._begin()
         self._loop.restart()
+        self._loop.tick_only()  # it answers
         self._reporter.begin_again()
         return await self._live(LifeEvent.FLY, duration_s, stop)
 

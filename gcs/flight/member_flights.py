@@ -26,6 +26,7 @@ LEAST_LEFT_S = 30.0
 """A mission that ends sooner than this after the command is not rejoined [s of the mission clock]."""
 CLIMB_M_S = 1.0
 """The assumed speed of a climb: while it lasts, the others do not receive where the vehicle is."""
+_NO_LINK = "its link is lost: rejoin once it is received again"
 RING_CLEAR = 2.0
 """In separations: the least horizontal distance of a climb from the ring."""
 
@@ -95,11 +96,14 @@ class MemberFlights:
     async def _check(self, member: Member) -> str:
         """Check the vehicle as before a flight; its state may have changed since the command."""
         team, vehicle_id = self._team, member.vehicle.id
+        if not member.link.status.connected:
+            return _NO_LINK
+        member.link.count_anew()
         facts = await member.link.facts(vehicle_id, FIRST_REPORTS_S)
         findings = vehicle_findings(team.plan.mission, facts, date.today())
         self._report(findings)
         if not member.link.status.connected:
-            return "its link is lost"
+            return _NO_LINK
         if blockers := start_blockers(vehicle_id, findings):
             return blockers
         assert facts.position_m is not None, "a vehicle without a position is refused above"

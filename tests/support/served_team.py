@@ -10,6 +10,7 @@ from math import dist
 from gcs.flight.stubs import prepared_configs
 from gcs.mission.file import load_mission
 from gcs.mission.mission import Mission
+from sitl.autopilot.autopilot import StubAutopilot
 from sitl.server.governed_clock import GovernedClock
 from tests.support.wire import Served, served
 
@@ -30,8 +31,12 @@ class Team:
     def __init__(self, path: str, mission: Mission, stubs: Served) -> None:
         self.path, self.mission, self.stubs = path, mission, stubs
         self.clock: GovernedClock = stubs.clock
-        self.vehicles = stubs.vehicles
         self.least_m = float("inf")
+
+    @property
+    def vehicles(self) -> dict[int, StubAutopilot]:
+        """Their autopilots, by system id."""
+        return self.stubs.vehicles
 
     def place_m(self, i: int) -> tuple[float, ...]:
         return tuple(self.vehicles[i].airframe.position_m)

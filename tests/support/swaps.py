@@ -20,7 +20,7 @@ NEAR_TARGET = (
     ("start_m = [35.0, -5.0]", "start_m = [26.0, 0.0]"),
     ("distance_max_m = 12.0", "distance_max_m = 40.0"),
     ("range_m = 15.0", "range_m = 60.0"),
-    ("separation_m = 3.0", 'separation_m = 3.0\n\n[choreography]\nlayer_m = 2.0\nlanding = "return"'),
+    ("separation_m = 3.0", 'separation_m = 3.0\n\n[choreography]\nlayer_m = 3.0\nlanding = "return"'),
 )
 """A change of case2: its vehicles engage at once, away from their starts, and come home in layers."""
 SETTLING_S = 60.0
