@@ -269,7 +269,7 @@ class Agent:
         self._loop.restart()
         self._loop.tick_only()  # it answers
         self._reporter.begin_again()
-        return await self._live(LifeEvent.FLY, duration_s, stop)
+        return await self._live(LifeEvent.FLY_AGAIN, duration_s, stop)
 
     def stay(self, refusal: str) -> None:
         """Answer that the vehicle does not take off again, and why."""
@@ -403,6 +403,7 @@ class Agent:
         """Let what flies the team check a vehicle whose flight has ended, also one that its pilot has landed."""
         self._happen(LifeEvent.REJOIN)
         if self._phase is Phase.ENDED:
+            self._loop.answer()
             self.rejoining.set()
         else:
             self.stay("its flight has not ended")

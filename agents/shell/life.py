@@ -41,7 +41,8 @@ class LifeEvent(Enum):
     """
 
     FLY = "fly"
-    """Take off and fly the mission, also after an earlier flight of the vehicle has ended."""
+    FLY_AGAIN = "fly again"
+    """Take off and fly the mission after an earlier flight of the vehicle has ended."""
     ADOPT = "adopt"
     """The vehicle is in the air, and is taken from its autopilot or another ground station."""
     ACCOMPANY = "accompany"
@@ -152,7 +153,7 @@ TRANSITIONS: dict[tuple[Phase, LifeEvent], Transition] = {
     **{(phase, LifeEvent.SETPOINTS_LOST): (phase, (Action.START_OFFBOARD,)) for phase in _WITHOUT_SETPOINTS},
     (Phase.GROUND, LifeEvent.FLY): (Phase.COMPARING_CLOCKS, (Action.COMPARE_CLOCKS,)),
     # Its flight has ended, and its team still flies.
-    (Phase.ENDED, LifeEvent.FLY): (Phase.COMPARING_CLOCKS, (Action.COMPARE_CLOCKS,)),
+    (Phase.ENDED, LifeEvent.FLY_AGAIN): (Phase.COMPARING_CLOCKS, (Action.COMPARE_CLOCKS,)),
     # A vehicle in the air needs no take-off; from offboard on it is flown as one that has taken off.
     (Phase.GROUND, LifeEvent.ADOPT): (Phase.HOVERING, (Action.ADOPT, Action.START_CONTROL)),
     (Phase.GROUND, LifeEvent.ACCOMPANY): (

@@ -7,7 +7,6 @@ from cyclopts import Parameter
 
 from gcs.cli.command import send
 from gcs.cli.options import Changes, KeyName, RunningMission, bus_mission, chosen_vehicle
-from gcs.console.verb_arguments import GivenCommand
 from gcs.errors import Exit
 
 
@@ -30,6 +29,8 @@ def rejoin(options: RejoinOptions) -> Exit:
 
     Example: cordon rejoin 2 --mission px4-trio
     """
+    from gcs.console.verb_arguments import GivenCommand
+
     mission = bus_mission(options.mission, options.changes)
     chosen_vehicle(mission, options.vehicle, "VEHICLE")
     return send(mission, "rejoin", GivenCommand(vehicle=options.vehicle), options.key)

@@ -23,7 +23,7 @@ NEAR_TARGET = (
     ("separation_m = 3.0", 'separation_m = 3.0\n\n[choreography]\nlayer_m = 3.0\nlanding = "return"'),
 )
 """A change of case2: its vehicles engage at once, away from their starts, and come home in layers."""
-SETTLING_S = 60.0
+SETTLING_S = 40.0
 EVEN_DEG, ROUND_SHARE = 5.0, 0.05
 """A ring is even once every spacing is within the first and every radius within the second of the ring's."""
 
@@ -67,10 +67,9 @@ class Tracks:
             self.samples.append(Sample(team.clock.now_s(), {i: team.place_m(i) for i in team.aloft}))
             await team.clock.sleep(0.1)
 
-    @property
-    def least_m(self) -> float:
-        """The least distance of any two in the air."""
-        return min(map(_least_m, self.samples), default=inf)
+    def least_m(self, until_s: float = inf) -> float:
+        """Return the least distance of any two in the air until a time of the clock."""
+        return min((_least_m(each) for each in self.samples if each.time_s < until_s), default=inf)
 
 
 @dataclass(frozen=True)
@@ -83,19 +82,29 @@ class Swap:
     rejoined_s: float
 
 
-async def swap(team: Team, vehicle: int, *, silent_s: float = 4.0, off: bool = True) -> Swap:
-    """Let a vehicle run low; once it is down, restart its autopilot with a full battery, and let it rejoin."""
+async def swap(
+    team: Team, vehicle: int, *, silent_s: float = 4.0, emptied: bool = False, runs_low: bool = True
+) -> Swap:
+    """Let a vehicle run low; once it is down, restart its autopilot with a full battery, and let it rejoin.
+
+    One that does not run low lands for another reason. One that is `emptied` is told to rejoin before that as well, which is refused.
+    """
     low_s = team.clock.now_s()
-    team.vehicles[vehicle].battery_fraction = 0.19
+    if runs_low:
+        team.vehicles[vehicle].battery_fraction = 0.19
     with hurried(team.clock):
         down_s = await until(lambda: not team.vehicles[vehicle].armed, 200.0, "its landing", clock=team.clock)
+    if emptied:
+        code, said = await told(team, vehicle)
+        assert (code, "battery" in said) == (3, True), said
+    with hurried(team.clock):
         stub = team.stubs.stubs[vehicle]
-        stub.faults.link_cut = off
+        stub.faults.link_cut = True
         await team.clock.sleep(silent_s)
         stub.restart(1.0)
         stub.faults.link_cut = False
     await until(lambda: team.vehicles[vehicle].armable, 30.0, "its position", clock=team.clock)
-    await team.clock.sleep(10.0)
+    await team.clock.sleep(5.0)
     rejoined_s = team.clock.now_s()
     code, said = await told(team, vehicle)
     assert code == 0, said
@@ -105,7 +114,12 @@ async def swap(team: Team, vehicle: int, *, silent_s: float = 4.0, off: bool = T
 
 async def told(team: Team, vehicle: int) -> tuple[int, str]:
     """Tell a vehicle to rejoin; return the exit code and what was said."""
-    async with asyncio.timeout(PATIENCE_S), running("rejoin", str(vehicle), "--mission", team.path) as process:
+    return await commanded(team, "rejoin", str(vehicle))
+
+
+async def commanded(team: Team, *command: str) -> tuple[int, str]:
+    """Send a command to a team; return the exit code and what was said."""
+    async with asyncio.timeout(PATIENCE_S), running(*command, "--mission", team.path) as process:
         _, err = await process.communicate()
     assert process.returncode is not None
     assert "Traceback" not in err.decode(), err.decode()

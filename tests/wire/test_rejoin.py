@@ -4,26 +4,33 @@ The vehicles are stubs of this process, on a governed clock, with plants that di
 """
 
 import asyncio
+import json
 import signal
 from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
+from gcs.report.flight_book import read_book
 from tests.support.served_team import UNLIKE, team_of
 from tests.support.swaps import NEAR_TARGET, SETTLING_S, RingTruth, Tracks, in_offboard, swap, told
 from tests.support.wire import PATIENCE_S, hurried, running, until
 
 pytestmark = pytest.mark.wire
+ALL, OTHERS = (1, 2, 3), (1, 3)
 
 
 @pytest.mark.long
 async def test_a_vehicle_that_landed_with_a_low_battery_comes_back_into_the_ring(
     mission_file: Callable[..., str], tmp_path: Path
 ) -> None:
-    """It is refused before it is ready, and once the team returns; the log of it all is replayed bit for bit."""
+    """It is refused while it flies and while its battery is empty; the log of it all is replayed bit for bit."""
     path, log = mission_file("case2", *UNLIKE, *NEAR_TARGET), tmp_path / "swap.mcap"
-    async with team_of(path) as team, asyncio.timeout(PATIENCE_S), running("fly", path, "--log", str(log)) as flight:
+    async with (
+        team_of(path) as team,
+        asyncio.timeout(PATIENCE_S),
+        running("fly", path, "--log", str(log), "--json") as flight,
+    ):
         tracks = Tracks(team)
         recording = asyncio.create_task(tracks.record())
         await in_offboard(team)
@@ -31,26 +38,42 @@ async def test_a_vehicle_that_landed_with_a_low_battery_comes_back_into_the_ring
             await team.clock.sleep(SETTLING_S)
         code, said = await told(team, 2)
         assert (code, "it has not landed" in said) == (3, True), said
-        swapped = await swap(team, 2)
+        swapped = await swap(team, 2, emptied=True)
         with hurried(team.clock):
-            await team.clock.sleep(2.0 * SETTLING_S)
-        rejoined_s = team.clock.now_s()
+            await team.clock.sleep(1.5 * SETTLING_S)
+        ends_s = team.clock.now_s()
         flight.send_signal(signal.SIGINT)
-        await until(
-            lambda: any(not each.armed for each in team.vehicles.values()), 200.0, "a landing", clock=team.clock
-        )
-        await until(lambda: not team.aloft, 200.0, "all landings", clock=team.clock)
+        await team.clock.sleep(1.0)
+        code, said = await told(team, 2)
+        assert (code, "it has not landed" in said) == (3, True), said
+        flight.send_signal(signal.SIGINT)
+        with hurried(team.clock):
+            await until(lambda: not team.aloft, 200.0, "all landings", clock=team.clock)
         recording.cancel()
-        _, err = await flight.communicate()
+        out, err = await flight.communicate()
     ring = RingTruth(team, log, tracks.samples)
-    before = ring.figures((1, 2, 3), swapped.low_s - 10.0, swapped.low_s)
-    between = ring.figures((1, 3), swapped.rejoined_s - 8.0, swapped.rejoined_s)
-    after = ring.figures((1, 2, 3), rejoined_s - 20.0, rejoined_s)
-    even_s = ring.even_after_s((1, 2, 3), swapped.rejoined_s, rejoined_s)
-    print(f"MEASURED before: {before}\nbetween: {between}\nafter: {after}\neven {even_s:.1f} s after the command")
-    print(f"least distance of the whole flight {tracks.least_m:.2f} m")
-    print(err.decode())
+    before = ring.figures(ALL, swapped.low_s - 5.0, swapped.low_s)
+    between = ring.figures(OTHERS, swapped.rejoined_s - 5.0, swapped.rejoined_s)
+    after = ring.figures(ALL, ends_s - 10.0, ends_s)
+    even_s = ring.even_after_s(ALL, swapped.rejoined_s, ends_s)
+    least_m = tracks.least_m(until_s=ends_s)
+    print(f"MEASURED before: {before}\nbetween: {between}\nafter: {after}")
+    print(f"even {even_s:.1f} s after the command; least distance {least_m:.2f} m")
+    for each in (before, between, after):
+        assert each.radius_off_m < 0.3
+        assert each.spacing_off_deg < 3.0
+    assert even_s < 1.4 * SETTLING_S
+    assert least_m >= team.mission.safety.separation_m
+    result = json.loads(out)
+    assert result["ended"]["how"] == "operator"
+    left = [(each["vehicle"], each["cause"], each["back_at_s"] is not None) for each in result["departures"]]
+    assert left == [(2, "battery low", True)]
+    assert any("joins the others" in each["text"] for each in result["events"]), err.decode()
     async with running("replay", str(log)) as replay:
         out, err = await replay.communicate()
         assert replay.returncode == 0, err.decode() + out.decode()
         assert b"compared bit for bit" in out + err
+    [booked] = read_book([log], lambda _share: None, with_verdicts=False).flights
+    on_ground_s = swapped.rejoined_s - swapped.down_s
+    flown_s = {each.id: each.airborne_s or 0.0 for each in booked.vehicles}
+    assert flown_s[1] - flown_s[2] == pytest.approx(on_ground_s, abs=15.0), "its minutes are those of both flights"
