@@ -447,7 +447,7 @@ class VehicleCore:
         """Why the vehicle must not resume, None if it may."""
         status = self._vehicle.status
         if self._was_in_air and status.connected and not status.in_air:  # its motors still turn for some seconds
-            return "it has flown and is on the ground: end the flight, then take off again"
+            return "it has flown and is on the ground: it takes off again by rejoin"
         if self._reference is not None and not self._reference.is_known:
             return "the origin of its positions is being read again"
         return self._failsafe.refuse_resume()

@@ -87,7 +87,8 @@ async def swap(
 ) -> Swap:
     """Let a vehicle run low; once it is down, restart its autopilot with a full battery, and let it rejoin.
 
-    One that does not run low lands for another reason. One that is `emptied` is told to rejoin before that as well, which is refused.
+    One that does not run low lands for another reason. One that is `emptied` is told to rejoin before that as well,
+    which is refused.
     """
     low_s = team.clock.now_s()
     if runs_low:

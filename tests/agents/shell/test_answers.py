@@ -106,8 +106,8 @@ def answered(situation: Situation, *verbs: Verb) -> list[tuple[str, Tactic]]:
 
 NOT_WAITING = "did not wait for its start"
 GROUND, LANDS, RETURNS = "refused: it waits on the ground for its start", "refused: it is landing", "returns and lands"
-DOWN = "refused: it has flown and is disarmed: end the flight, then take off again"
-STANDS = "refused: it has flown and is on the ground: end the flight, then take off again"
+DOWN = "refused: it has flown and is disarmed: it takes off again by rejoin"
+STANDS = "refused: it has flown and is on the ground: it takes off again by rejoin"
 HANDED_OVER = "refused: cordon has handed it over: resume takes it back, kill cuts its motors"
 CUT = "refused: its motors are being cut"
 RETURNING = "refused: it is on its way to land"
