@@ -39,7 +39,7 @@ _WHY_NOT = {
 }
 _CHOOSES_NO_RING = (Tactic.STANDBY, Tactic.ASIDE, Tactic.HOLD, Tactic.PILOT_OVERRIDE)
 AGE_MAX_S, AHEAD_MAX_S = TOPICS[OperatorCommand].age_max_s, 1.0
-_DISARMED = "it has flown and is disarmed: it takes off again by rejoin"
+_DISARMED = "it is on the ground, disarmed: it takes off by rejoin"
 
 
 class Circumstances(NamedTuple):

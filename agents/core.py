@@ -490,6 +490,10 @@ class VehicleCore:
             self._name_override()
 
     @property
+    def _is_reserve(self) -> bool:
+        return self._config.vehicle_id in self._config.reserves
+
+    @property
     def _is_high(self) -> bool:
         """Whether the vehicle was clearly above the ground when its position was received last."""
         low_m = 0.5 * min(self._mission_config.altitude_m, self._mission_config.take_off_altitude_m)
@@ -637,7 +641,7 @@ class VehicleCore:
             refused = f"{refused}; {change.text(now_s)}"
         return Circumstances(
             resume_refused=refused,
-            is_down=status.connected and self._was_armed and not status.armed,
+            is_down=status.connected and not status.armed and (self._was_armed or self._is_reserve),
             rejoin_refused=self._rejoin_refused(now_s),
             ring=self._config.ring if self._tactic is Tactic.ENCIRCLE else None,
             follows=not status.connected or status.mode in (FlightMode.OFFBOARD, FlightMode.UNKNOWN),

@@ -41,6 +41,8 @@ class LifeEvent(Enum):
     """
 
     FLY = "fly"
+    STAND_BY = "stand by"
+    """The vehicle is in reserve: it stays on the ground for another flight."""
     FLY_AGAIN = "fly again"
     """Take off and fly the mission after an earlier flight of the vehicle has ended."""
     ADOPT = "adopt"
@@ -152,7 +154,7 @@ TRANSITIONS: dict[tuple[Phase, LifeEvent], Transition] = {
     # The agent still controls the vehicle, which stays in its phase.
     **{(phase, LifeEvent.SETPOINTS_LOST): (phase, (Action.START_OFFBOARD,)) for phase in _WITHOUT_SETPOINTS},
     (Phase.GROUND, LifeEvent.FLY): (Phase.COMPARING_CLOCKS, (Action.COMPARE_CLOCKS,)),
-    # Its flight has ended, and its team still flies.
+    # Its flight has ended, or it stayed in reserve, and its team still flies.
     (Phase.ENDED, LifeEvent.FLY_AGAIN): (Phase.COMPARING_CLOCKS, (Action.COMPARE_CLOCKS,)),
     # A vehicle in the air needs no take-off; from offboard on it is flown as one that has taken off.
     (Phase.GROUND, LifeEvent.ADOPT): (Phase.HOVERING, (Action.ADOPT, Action.START_CONTROL)),
@@ -160,6 +162,7 @@ TRANSITIONS: dict[tuple[Phase, LifeEvent], Transition] = {
         Phase.PILOT_OVERRIDE,
         (Action.ADOPT, Action.START_CONTROL, Action.HAND_OVER),
     ),
+    (Phase.GROUND, LifeEvent.STAND_BY): (Phase.ENDED, ()),
     (Phase.GROUND, LifeEvent.KILL): (Phase.KILLING, (Action.CUT_MOTORS,)),
     (Phase.COMPARING_CLOCKS, LifeEvent.CLOCKS_AGREE): (Phase.TAKE_OFF, (Action.TAKE_OFF,)),
     (Phase.COMPARING_CLOCKS, LifeEvent.CLOCKS_DIFFER): _CHECK_REFUSED,

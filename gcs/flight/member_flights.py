@@ -10,11 +10,12 @@ from math import dist
 
 from agents.control.plan import PlannerError
 from agents.flight_end import FlightEnd
-from agents.shell.outcome import Outcome
+from agents.shell.outcome import UNUSED, Outcome
 from agents.tactics import Tactic
 from estimation.frames import Triple
 from estimation.state import POSITION
 from gcs.flight.preparation import FIRST_REPORTS_S, start_blockers
+from gcs.flight.reserves import Reserves
 from gcs.flight.stubs import preparing_speed
 from gcs.flight.team import FlightTeam, Member
 from gcs.flight.watch import FindingsReport
@@ -26,6 +27,8 @@ LEAST_LEFT_S = 30.0
 """A mission that ends sooner than this after the command is not rejoined [s of the mission clock]."""
 CLIMB_M_S = 1.0
 """The assumed speed of a climb: while it lasts, the others do not receive where the vehicle is."""
+_RELIEVED = (FlightEnd.BATTERY, FlightEnd.OPERATOR)
+"""The ends of a vehicle from which one in reserve has taken over as planned."""
 _NO_LINK = "its link is lost: rejoin once it is received again"
 RING_CLEAR = 2.0
 """In separations: the least horizontal distance of a climb from the ring."""
@@ -40,24 +43,40 @@ class MemberFlights:
     def __init__(self, team: FlightTeam, report: FindingsReport) -> None:
         self._team = team
         self._report = report
+        self._reserves = Reserves(team)
         self._flying = {member.vehicle.id for member in team.members}
         self._all_down = asyncio.Event()
         self._checking = asyncio.Lock()
 
     async def fly(self) -> Sequence[Outcome]:
         """Fly, and return the outcomes of the members, in their order."""
-        return await asyncio.gather(*map(self._fly, self._team.members))
+        for each in self._reserves.waiting:
+            each.agent.stand_by(self._team.plan.duration_s)
+        reserves = asyncio.create_task(self._reserves.run())
+        try:
+            return await asyncio.gather(*map(self._fly, self._team.members))
+        finally:
+            reserves.cancel()
 
     async def _fly(self, member: Member) -> Outcome:
         team, agent = self._team, member.agent
-        outcome = await begun(team, member, agent.fly(team.plan.duration_s, team.stop))
+        if agent.in_reserve:
+            outcome = UNUSED
+        else:
+            outcome = await begun(team, member, agent.fly(team.plan.duration_s, team.stop))
+            self._reserves.note_end(member.vehicle.id, outcome)
         while await self._is_to_rejoin(member):
             refusal = await self._refusal(member)
             if refusal:
+                if agent.in_reserve:
+                    team.view.print_line(f"vehicle {member.vehicle.id} stays in reserve: {refusal}", "warning")
                 agent.stay(refusal)
                 continue
             again = await flown(team, member, agent.fly_again(team.plan.duration_s, team.stop))
+            self._reserves.note_end(member.vehicle.id, again)
             outcome = replace(again, flew=outcome.flew or again.flew)
+        if (relief := self._reserves.relieved_by(member.vehicle.id)) is not None and outcome.how in _RELIEVED:
+            return replace(outcome, how=FlightEnd.LANDED, reason=f"relieved by vehicle {relief}")
         return outcome
 
     async def _is_to_rejoin(self, member: Member) -> bool:

@@ -13,7 +13,7 @@ import pytest
 
 from gcs.report.flight_book import read_book
 from tests.support.served_team import UNLIKE, team_of
-from tests.support.swaps import NEAR_TARGET, SETTLING_S, RingTruth, Tracks, in_offboard, swap, told
+from tests.support.swaps import NEAR_TARGET, SETTLING_S, RingTruth, Tracks, commanded, in_offboard, swap, told
 from tests.support.wire import PATIENCE_S, hurried, running, until
 
 pytestmark = pytest.mark.wire
@@ -77,3 +77,57 @@ async def test_a_vehicle_that_landed_with_a_low_battery_comes_back_into_the_ring
     on_ground_s = swapped.rejoined_s - swapped.down_s
     flown_s = {each.id: each.airborne_s or 0.0 for each in booked.vehicles}
     assert flown_s[1] - flown_s[2] == pytest.approx(on_ground_s, abs=15.0), "its minutes are those of both flights"
+
+
+FOURTH = """
+
+[[vehicles]]
+id = 4
+url = "udpin://127.0.0.1:14543"
+endpoint = "tcp/127.0.0.1:7464"
+start_m = [0.0, -8.0]
+reserve = true
+"""
+IN_RESERVE = ("start_m = [0.0, -4.0]\n", f"start_m = [0.0, -4.0]\n{FOURTH}")
+
+
+@pytest.mark.long
+async def test_a_reserve_takes_over_before_a_battery_is_low(mission_file: Callable[..., str], tmp_path: Path) -> None:
+    """The relieved vehicle comes home once the other flies, so that the ring has never more members than before."""
+    path, log = mission_file("case2", *NEAR_TARGET, IN_RESERVE), tmp_path / "reserve.mcap"
+    async with (
+        team_of(path) as team,
+        asyncio.timeout(PATIENCE_S),
+        running("fly", path, "--log", str(log), "--json") as flight,
+    ):
+        tracks, flown = Tracks(team), [team.vehicles[i] for i in ALL]
+        recording = asyncio.create_task(tracks.record())
+        await until(lambda: all(each.armed for each in flown), waiting_for="take-offs")
+        with hurried(team.clock):
+            await team.clock.sleep(20.0 + SETTLING_S)
+            assert not team.vehicles[4].armed
+            code, said = await commanded(team, "command", "resume")
+            assert code == 0, said
+            low_s = team.clock.now_s()
+            flown[1].battery_fraction = 0.24
+            await until(lambda: team.vehicles[4].armed, 30.0, "the reserve's take-off", clock=team.clock)
+            await until(lambda: not flown[1].armed, 200.0, "the landing of vehicle 2", clock=team.clock)
+            await team.clock.sleep(10.0)
+        ends_s = team.clock.now_s()
+        for _ in range(2):
+            flight.send_signal(signal.SIGINT)
+            await team.clock.sleep(1.0)
+        with hurried(team.clock):
+            await until(lambda: not team.aloft, 200.0, "all landings", clock=team.clock)
+        recording.cancel()
+        out, err = await flight.communicate()
+    ring = RingTruth(team, log, tracks.samples)
+    before, after = ring.figures(ALL, low_s - 5.0, low_s), ring.figures((1, 3, 4), ends_s - 5.0, ends_s)
+    even_s = ring.even_after_s((1, 3, 4), low_s, ends_s)
+    print(f"MEASURED before: {before}\nafter: {after}\neven {even_s:.1f} s after the call")
+    assert after.radius_off_m < 0.3
+    assert after.spacing_off_deg < 3.0
+    assert tracks.least_m(until_s=ends_s) >= team.mission.safety.separation_m
+    result = json.loads(out)
+    assert result["departures"] == [], "it was sent home before its battery was low"
+    assert "is called from the reserve" in err.decode()

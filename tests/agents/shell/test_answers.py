@@ -106,7 +106,7 @@ def answered(situation: Situation, *verbs: Verb) -> list[tuple[str, Tactic]]:
 
 NOT_WAITING = "did not wait for its start"
 GROUND, LANDS, RETURNS = "refused: it waits on the ground for its start", "refused: it is landing", "returns and lands"
-DOWN = "refused: it has flown and is disarmed: it takes off again by rejoin"
+DOWN = "refused: it is on the ground, disarmed: it takes off by rejoin"
 STANDS = "refused: it has flown and is on the ground: it takes off again by rejoin"
 HANDED_OVER = "refused: cordon has handed it over: resume takes it back, kill cuts its motors"
 CUT = "refused: its motors are being cut"

@@ -12,7 +12,7 @@ E, A = LifeEvent, Action
 # One line for each phase, one letter for each event in the order below; '.' changes nothing, a space only separates.
 EVENTS = (
     *(E.ADOPT, E.ACCOMPANY),
-    *(E.FLY, E.FLY_AGAIN, E.REJOIN),
+    *(E.FLY, E.STAND_BY, E.FLY_AGAIN, E.REJOIN),
     *(E.CLOCKS_AGREE, E.CLOCKS_DIFFER),
     *(E.TAKE_OFF_DONE, E.TAKE_OFF_REFUSED, E.SETPOINT_SENT),
     *(E.OFFBOARD_CONFIRMED, E.OFFBOARD_REFUSED),
@@ -26,22 +26,22 @@ EVENTS = (
     *(E.FAULT, E.ABORTED, E.SETPOINTS_LOST),
 )
 TABLE = {
-    Phase.GROUND: "AP c.. .. ... .. ... ... ... .. .. .. K.. ...",
-    Phase.COMPARING_CLOCKS: ".. ... tX ... .. ... q.. ... .. .. .. k.. xx.",
-    Phase.TAKE_OFF: ".. ... .. vV. .. ... w.. h.. .. .. .. k.. WW.",
-    Phase.HOVERING: ".. ... .. ..o .. ... .q. d.. .. .. .. k.. xx.",
-    Phase.ENTERING_OFFBOARD: ".. ... .. ... aX ... .q. d.. .. .. .. k.. xx.",
-    Phase.AGREEING_START: ".. ... .. ... .. mX. s.. dp. .. .. .. k.. xxO",
-    Phase.FLYING: ".. ... .. ... .. mXR sQr dp. .. .. .. k.. xxO",
-    Phase.STOPPING: ".. ... .. ... .. M.. .Qr dp. .. .. .. k.. xxO",
-    Phase.PILOT_OVERRIDE: ".. ..y .. ... .. MyY HYY y.b .. .. .. k.. yy.",
-    Phase.TAKING_BACK: ".. ... .. ... fp MuU HUU u.. .. .. .. k.. uu.",
-    Phase.RETURNING: ".. ... .. ... .. ... .x. xue .. .. .. k.. xxO",
-    Phase.CHECKING_ARMED: ".. ... .. ... .. ... ... ... lz .. .. k.. .x.",
-    Phase.LEAVING_OFFBOARD: ".. ... .. ... .. ... ... ... .. nN .. K.. .g.",
-    Phase.LANDING: ".. ... .. ... .. ... ... ... .. .. zZ K.. .g.",
-    Phase.KILLING: ".. ... .. ... .. ... ... ... .. .. .. .DL .g.",
-    Phase.ENDED: ".. .c. .. ... .. ... ... ... .. .. .. i.. ...",
+    Phase.GROUND: "AP cg.. .. ... .. ... ... ... .. .. .. K.. ...",
+    Phase.COMPARING_CLOCKS: ".. .... tX ... .. ... q.. ... .. .. .. k.. xx.",
+    Phase.TAKE_OFF: ".. .... .. vV. .. ... w.. h.. .. .. .. k.. WW.",
+    Phase.HOVERING: ".. .... .. ..o .. ... .q. d.. .. .. .. k.. xx.",
+    Phase.ENTERING_OFFBOARD: ".. .... .. ... aX ... .q. d.. .. .. .. k.. xx.",
+    Phase.AGREEING_START: ".. .... .. ... .. mX. s.. dp. .. .. .. k.. xxO",
+    Phase.FLYING: ".. .... .. ... .. mXR sQr dp. .. .. .. k.. xxO",
+    Phase.STOPPING: ".. .... .. ... .. M.. .Qr dp. .. .. .. k.. xxO",
+    Phase.PILOT_OVERRIDE: ".. ...y .. ... .. MyY HYY y.b .. .. .. k.. yy.",
+    Phase.TAKING_BACK: ".. .... .. ... fp MuU HUU u.. .. .. .. k.. uu.",
+    Phase.RETURNING: ".. .... .. ... .. ... .x. xue .. .. .. k.. xxO",
+    Phase.CHECKING_ARMED: ".. .... .. ... .. ... ... ... lz .. .. k.. .x.",
+    Phase.LEAVING_OFFBOARD: ".. .... .. ... .. ... ... ... .. nN .. K.. .g.",
+    Phase.LANDING: ".. .... .. ... .. ... ... ... .. .. zZ K.. .g.",
+    Phase.KILLING: ".. .... .. ... .. ... ... ... .. .. .. .DL .g.",
+    Phase.ENDED: ".. ..c. .. ... .. ... ... ... .. .. .. i.. ...",
 }
 # The phase after it, None for the same; and what is done.
 LETTERS: dict[str, tuple[Phase | None, tuple[Action, ...]]] = {
