@@ -32,6 +32,7 @@ from agents.inputs import (
     Message,
     Presence,
     ReceivedInput,
+    Rejoined,
     Start,
     TacticEvent,
     TimeScale,
@@ -59,6 +60,7 @@ from agents.team.consistency_check import ConsistencyCheck, Limits
 from agents.team.inbox import Inbox
 from agents.team.messages import (
     CONDITIONS_LIMIT,
+    LINK_SILENT_S,
     CommandAnswer,
     CommandedRing,
     MemberState,
@@ -74,6 +76,7 @@ _CHOOSES = (Tactic.STANDBY, Tactic.FORMATION, Tactic.ENCIRCLE, Tactic.TRANSIT)
 """The tactics in which a vehicle chooses among several rings."""
 _LEAVES = (Tactic.RETURN_AND_LAND, Tactic.LAND, Tactic.PILOT_OVERRIDE)
 """Those in which others may have its place; in the rest, such as hold, it keeps its bids."""
+_COMES_DOWN = {Tactic.RETURN_AND_LAND.value, Tactic.LAND.value}
 _GOES_ON = ("start", "resume", "formation", "ring", "assign")
 """With any other verb an operator takes the decision to resume."""
 
@@ -83,14 +86,40 @@ class VehicleCore:
     """Estimates, decides, plans and guards for one vehicle; `planner` makes its plug-in planner, if any."""
 
     def __init__(self, config: AgentConfig, planner: PlannerFactory | None = None) -> None:
-        self._config = config
-        clocks = ClockWatch()
+        self._mission_config, self._plug_in = config, planner
         self._notes = Notes()
-        self._team = Team(ConsistencyCheck(Limits(config.safety, config.failsafe.doubt_m), clocks, POSITION_ALERTS))
-        self._inbox = Inbox(config.vehicle_id, config.slots, clocks)
         shapes = config.shapes if config.excitation is None else ()
         rings = tuple(each.name for each in config.rings)
         self.commands = CommandHandler(config.vehicle_id, config.safety.abort_hover_s, shapes, self._notes, rings)
+        self._answers: list[CommandAnswer] = []
+        self._revoked: tuple[str, ...] = ()
+        self._now_s = 0.0
+        self._begin(config)
+        self._takes: dict[type, Callable[[Any], None]] = {
+            TimeScale: self._take_time_scale,
+            Start: self._take_start,
+            TacticEvent: self._take_event,
+            AutopilotStatus: self._take_autopilot,
+            LateTicks: self._take_late_ticks,
+            Bus: self._take_bus,
+            Drops: self._take_drops,
+            Computer: self._take_computer,
+            Ground: self._take_ground,
+            Telemetry: self._take_telemetry,
+            Sighting: self._take_sighting,
+            Message: self._take_message,
+            Command: self._take_command,
+            Killed: self._take_killed,
+            Rejoined: self._take_rejoined,
+            Presence: self._take_presence,
+        }
+
+    def _begin(self, config: AgentConfig) -> None:
+        """Begin a flight, the first or another one, with nothing of an earlier one but what operators commanded."""
+        self._config = config
+        clocks = ClockWatch()
+        self._team = Team(ConsistencyCheck(Limits(config.safety, config.failsafe.doubt_m), clocks, POSITION_ALERTS))
+        self._inbox = Inbox(config.vehicle_id, config.slots, clocks)
         self._estimator = Estimator(config)
         self._own_sensors = OwnSensors(config)
         self._chooser = RingChooser(config) if len(config.rings) > 1 else None
@@ -99,8 +128,8 @@ class VehicleCore:
         self._fault_detector = FaultDetector(config, self._estimator, self._own_sensors, self._team, clocks)
         self._vehicle = self._fault_detector.vehicle
         self._failsafe = FailsafeMonitor(config)
-        self._planner = planner_of(config, self._team, planner)
-        self._has_plug_in = planner is not None
+        self._planner = planner_of(config, self._team, self._plug_in)
+        self._has_plug_in = self._plug_in is not None
         self._slew_limit = SlewLimit(config)
         self._neighbours = Neighbours(config)
         self._guard = Guard(config)
@@ -118,32 +147,14 @@ class VehicleCore:
         self._wanted: Wanted | None = None
         self._commanded = CommandedRings(config)
         self._sightings: list[Sighting] = []
-        self._answers: list[CommandAnswer] = []
         self._bus_drops = NO_DROPS
-        self._revoked: tuple[str, ...] = ()
         self._reference: Reference | None = None
         self._jumps = 0
         self._restarts = 0
-        self._now_s = 0.0
+        self._height_m = 0.0
         self._time_scale = 1.0
         self._was_armed = self._was_in_air = self._ends = self._is_over = self._is_adopted = False
-        self._takes: dict[type, Callable[[Any], None]] = {
-            TimeScale: self._take_time_scale,
-            Start: self._take_start,
-            TacticEvent: self._take_event,
-            AutopilotStatus: self._take_autopilot,
-            LateTicks: self._take_late_ticks,
-            Bus: self._take_bus,
-            Drops: self._take_drops,
-            Computer: self._take_computer,
-            Ground: self._take_ground,
-            Telemetry: self._take_telemetry,
-            Sighting: self._take_sighting,
-            Message: self._take_message,
-            Command: self._take_command,
-            Killed: self._take_killed,
-            Presence: self._take_presence,
-        }
+        self._is_cut_in_air = self._fell = False
 
     # The tick
 
@@ -448,7 +459,7 @@ class VehicleCore:
         """Why the vehicle must not resume, None if it may."""
         status = self._vehicle.status
         if self._was_in_air and status.connected and not status.in_air:  # its motors still turn for some seconds
-            return "it has flown and is on the ground: end the flight, then take off again"
+            return "it has flown and is on the ground: it takes off again by rejoin"
         if self._reference is not None and not self._reference.is_known:
             return "the origin of its positions is being read again"
         return self._failsafe.refuse_resume()
@@ -480,6 +491,8 @@ class VehicleCore:
         self._change(item.event)
 
     def _take_autopilot(self, item: AutopilotStatus) -> None:
+        if self._vehicle.status.armed and item.status.connected and not item.status.armed and item.status.in_air:
+            self._fell = self._fell or self._is_high
         self._vehicle.status = item.status
         self._traffic.receive(item.status.traffic)
         self._follow_reference(item.status.reference)
@@ -488,6 +501,16 @@ class VehicleCore:
         self._was_in_air = self._was_in_air or item.status.in_air
         if item.status.lost is not Connection.NONE or item.status.mode_by is not ModeSource.UNKNOWN:
             self._name_override()
+
+    @property
+    def _is_reserve(self) -> bool:
+        return self._config.vehicle_id in self._config.reserves
+
+    @property
+    def _is_high(self) -> bool:
+        """Whether the vehicle was clearly above the ground when its position was received last."""
+        low_m = 0.5 * min(self._mission_config.altitude_m, self._mission_config.take_off_altitude_m)
+        return self._height_m > low_m
 
     def _follow_reference(self, reference: Reference) -> None:
         """Take what the positions refer to: a change since the last status is an event."""
@@ -518,7 +541,7 @@ class VehicleCore:
         self.commands.start_blockers = item.start_blockers
 
     def _take_telemetry(self, telemetry: Telemetry) -> None:
-        x, y, _ = telemetry.position_m
+        x, y, self._height_m = telemetry.position_m
         self._vehicle.plant.measured(telemetry.time_s, x, y)
         self._estimator.measure(telemetry)
 
@@ -588,6 +611,14 @@ class VehicleCore:
 
     def _take_killed(self, item: Killed) -> None:
         self.commands.on_killed(item.refusal, item.now_s)
+        self._fell = self._fell or (self._is_cut_in_air and not item.refusal)
+
+    def _take_rejoined(self, item: Rejoined) -> None:
+        self.commands.on_rejoined(item.refusal, item.now_s)
+        if item.refusal:
+            return
+        self._begin(self._mission_config)
+        self._follow_commands()
 
     def _take_presence(self, item: Presence) -> None:
         if not item.present:
@@ -605,6 +636,11 @@ class VehicleCore:
             circumstances = circumstances._replace(ring_refused=refused)
         if (event := self.commands.take(command, self._tactic, now_s, circumstances)) is not None:
             self._change(event, cause=LandingCause(verb=command.verb, origin=command.origin))
+        self._is_cut_in_air = self.commands.kills and (self._is_cut_in_air or self._vehicle.status.in_air)
+        self._follow_commands()
+
+    def _follow_commands(self) -> None:
+        """Take the shape, the rings and the assignment that operators commanded last."""
         if self.commands.reshaping is not None:
             self._reshape(self.commands.reshaping)
         for number, ring in enumerate(self.commands.commanded_rings):
@@ -619,13 +655,32 @@ class VehicleCore:
             refused = f"{refused}; {change.text(now_s)}"
         return Circumstances(
             resume_refused=refused,
-            is_down=status.connected and self._was_armed and not status.armed,
+            is_down=status.connected and not status.armed and (self._was_armed or self._is_reserve),
+            rejoin_refused=self._rejoin_refused(now_s),
             ring=self._config.ring if self._tactic is Tactic.ENCIRCLE else None,
             follows=not status.connected or status.mode in (FlightMode.OFFBOARD, FlightMode.UNKNOWN),
             link_lost=self._was_armed and not status.connected,
             ends=self._ends,
             is_over=self._is_over,
         )
+
+    def _rejoin_refused(self, now_s: float) -> str:
+        """Return why the vehicle must not take off again, as far as it knows; empty if it may."""
+        status = self._vehicle.status
+        if self._fell:
+            return "it fell: recover and inspect it, and fly it in another flight"
+        if not status.connected:
+            return "its link is lost: rejoin once it is received again"
+        if status.armed or status.in_air:
+            flown = self._tactic is Tactic.PILOT_OVERRIDE
+            return "it is in a pilot's hands: let its pilot land and disarm it" if flown else "it has not landed"
+        if self._is_over or self._ends:
+            return "its mission is over"
+        recent_s = now_s - LINK_SILENT_S * self._time_scale
+        tactics = {each.tactic for each in self._team.members() if each.time_s >= recent_s}
+        if tactics and tactics <= _COMES_DOWN:
+            return "the others return and land"
+        return ""
 
     def _receive_sightings(self, state: MemberState) -> None:
         for package in state.sightings:

@@ -148,7 +148,7 @@ def assembled(
     Peers that have not been received yet are waited for until a timeout; `flown_s` is the time since the mission's
     start.
     """
-    if len(peers) + 1 < len(config.slots) and flown_s < NOT_RECEIVED_LONGEST_S:
+    if len(peers) + 1 < len(config.starters) and flown_s < NOT_RECEIVED_LONGEST_S:
         return False
     here_x, here_y = position_m.tolist()
     for peer in peers:

@@ -49,7 +49,8 @@ class AgentConfig:
     and `altitude_lowest_m` the lowest flying height (None: its own). The ring's lowest vehicle stays between the two of
     `lowest_between_m`, which keeps every vehicle inside its limits. `slots_m` are the positions in a free formation,
     `gaps` the weights of the ring's gaps. With `excitation` it flies for identification.
-    With a `gimbal` its camera looks at the target.
+    With a `gimbal` its camera looks at the target. Those
+    of the formation in `reserves` do not fly from the start.
 
     A mission of several rings has them all in `rings`, and the names of its targets in `targets`; `ring` is the number
     of the one that the vehicle flies, whose settings are `encirclement`. Both are empty with one ring.
@@ -83,6 +84,7 @@ class AgentConfig:
     targets: tuple[str, ...] = ()
     rings: tuple[RingConfig, ...] = ()
     ring: int = 0
+    reserves: tuple[int, ...] = ()
 
     @property
     def landing_places_m(self) -> tuple[tuple[float, float], ...]:
@@ -102,6 +104,11 @@ class AgentConfig:
     def target(self) -> str | None:
         """The name of the target of the ring that it flies, None in a mission of one target."""
         return self.rings[self.ring].target if self.rings and self.targets else None
+
+    @property
+    def starters(self) -> tuple[int, ...]:
+        """The vehicles of the formation that begin the mission together."""
+        return tuple(each for each in self.slots if each not in self.reserves)
 
     @property
     def places(self) -> int:

@@ -55,6 +55,15 @@ def stub_configs(mission: Mission, ports: Mapping[int, int] | None = None) -> li
     ]
 
 
+def preparing_speed(vehicles: int) -> float:
+    """Return the highest speed of stubs before take-off.
+
+    Connecting to them takes wall time, in which the flight would go on. Until their rates are set, they stream more
+    than one process takes from many at a higher speed.
+    """
+    return min(10.0, max(1.0, 30.0 / vehicles))
+
+
 def url_ports(mission: Mission, ids: Collection[int]) -> dict[int, int]:
     """Return the ports of the urls of these vehicles, by their ids; raises InputError for a url no stub can serve."""
     stubs = [(index, vehicle) for index, vehicle in enumerate(mission.vehicles) if vehicle.id in ids]

@@ -368,6 +368,11 @@ class RateController:
             share = LOAD_SHARE if least == LEAST else LOSSY_SHARE
             self._first += fitting(self._levels[self._first :], self.vehicles, room, signed=self.signed, share=share)
 
+    def count_anew(self) -> None:
+        """Count losses from now on: the gaps of a vehicle that was switched off are none."""
+        self._before, self.fault, self._lossy, self._loses_little = None, "", "", True
+        self.adapt(Losses())
+
     def look(self, traffic: Traffic, now_s: float) -> None:
         """Take the counts of a connection at a time [s, wall]; any of its vehicles may bring them."""
         if now_s < self._look_next_s:

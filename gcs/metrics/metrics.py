@@ -28,6 +28,7 @@ from gcs.metrics.transitions import predicted, transitions
 from gcs.metrics.vehicles import (
     engagement_times_s,
     estimated_vehicles,
+    flown_again_s,
     formation_span,
     left_formation_s,
     moved_s,
@@ -75,7 +76,7 @@ def evaluate(
     """Compute the metrics and verdicts of a flight; without a reference no vehicle was to engage."""
     end_s = float(record.time_s[-1]) if record.time_s.size else 0.0
     each_engaged_s, motion = engagement_times_s(record), ring_motion(record, ring.gaps, ring.bend)
-    changes_s = *each_engaged_s, *moved_s(record)
+    changes_s = *each_engaged_s, *moved_s(record), *flown_again_s(record)
     part = judged_part(record.time_s, motion, ring, changes_s)
     window_s, ring_result = judged_ring(record.time_s, motion, part)
     window = within(record.time_s, window_s)
@@ -122,7 +123,7 @@ def _estimate_result(
         return None
     estimated = replace(record, vehicles=record.estimates)
     motion = ring_motion(estimated, part.ring.gaps, part.ring.bend)
-    began_s = part.ring.began_s((*engagement_times_s(estimated), *moved_s(estimated)))
+    began_s = part.ring.began_s((*engagement_times_s(estimated), *moved_s(estimated), *flown_again_s(estimated)))
     seen = replace(part, began_s=tuple(each for each in began_s if each <= record.time_s[part.samples - 1]))
     vehicles = estimated_vehicles(record, motion, part.ring, window)
     whole = estimated_ring(record.time_s, motion, seen, window)

@@ -13,6 +13,7 @@ from estimation.state import Vector
 from gcs.metrics.pointing import pointing_error_rms_deg
 from gcs.metrics.record import (
     ANOTHER_RING,
+    GAP_MAX_S,
     TIME_GRAIN_S,
     FlightRecord,
     Mask,
@@ -129,6 +130,20 @@ def estimated_vehicles(
 def engagement_times_s(record: FlightRecord) -> tuple[float | None, ...]:
     """Return the time at which each vehicle's tactic was encircle first, None where it never was."""
     return _first_s(record, Tactic.ENCIRCLE)
+
+
+def flown_again_s(record: FlightRecord) -> tuple[float, ...]:
+    """Return when vehicles came to the ring in another flight: after one that ended earlier, or after a restart."""
+    times_s: list[float] = []
+    for track in record.vehicles:
+        known = np.flatnonzero(track.tactic != NO_TACTIC)
+        gaps = np.flatnonzero(record.time_s[known[1:]] - record.time_s[known[:-1]] > GAP_MAX_S) + 1
+        for gap in gaps:
+            later = known[gap:]
+            on = later[track.tactic[later] == Tactic.ENCIRCLE.value]
+            if on.size and track.tactic[later[0]] == Tactic.STANDBY.value:
+                times_s.append(grid_time(float(record.time_s[on[0]])))
+    return tuple(times_s)
 
 
 def left_formation_s(record: FlightRecord) -> tuple[float | None, ...]:

@@ -111,6 +111,16 @@ def beyond_limits(
 LAYER_LEAST_M = 1.0
 
 
+def _reserves(known: Sequence[tuple[int, VehicleSection]], leader: int) -> Iterator[KeyFault]:
+    """Check that vehicles begin the mission, among them the leader."""
+    reserves = [(i, vehicle) for i, vehicle in known if vehicle.reserve]
+    for i, vehicle in reserves:
+        if vehicle.id == leader:
+            yield KeyFault(f"vehicles[{i}].reserve", f"the leader of the formation cannot be in reserve (id {leader})")
+    if len(known) - len(reserves) < 2 and reserves:
+        yield KeyFault("vehicles", "with vehicles in reserve, at least two others have to fly")
+
+
 def cross_checked(sections: Mapping[str, Any], vehicles: list[LoadedVehicle | None], places: int) -> Iterator[KeyFault]:
     """Check across sections, each of its model, or None or missing if it is not valid itself.
 
@@ -129,6 +139,7 @@ def cross_checked(sections: Mapping[str, Any], vehicles: list[LoadedVehicle | No
             yield KeyFault(
                 "formation.leader", f"no vehicle has the id {formation.leader} (ids: {', '.join(map(str, ids))})"
             )
+        yield from _reserves(known, formation.leader)
     if safety is not None:
         yield from _starts_apart(known, safety)
         if ring is not None:

@@ -419,6 +419,10 @@ class VehicleSection(Settings):
     fence_m: Fence | None = Field(None, description="in place of that of `[safety]`")
     altitude_min_m: float | None = Field(None, ge=-500.0, le=9000.0, description="in place of that of `[safety]`")
     altitude_max_m: float | None = Field(None, ge=-500.0, le=9000.0, description="in place of that of `[safety]`")
+    reserve: bool = Field(
+        False,
+        description="stays on the ground until a vehicle runs low or is lost; then takes over",
+    )
     profile: str = Field("stub", description="bundled profile, or a file beside the mission")
     autopilot: AutopilotName | None = Field(None, description="what a stub in its place emulates; none: the profile's")
     true_scale: TrueScale = Field(
@@ -606,6 +610,17 @@ class Mission:
         starts_m = [each.section.start_m for each in self.vehicles]
         return tuple(rally_spot_m(vehicle.section.start_m, starts_m, each.place_m) for each in self.safety.rally)
 
+    @property
+    def reserves(self) -> tuple[int, ...]:
+        """The ids of the vehicles that stay on the ground until one is needed."""
+        return tuple(each.id for each in self.vehicles if each.section.reserve)
+
+    @property
+    def without_reserves(self) -> "Mission":
+        """The mission of the vehicles that take off at its start."""
+        flown = tuple(each for each in self.vehicles if not each.section.reserve)
+        return self if len(flown) == len(self.vehicles) else replace(self, vehicles=flown)
+
     def agent_config(self, vehicle: MissionVehicle) -> AgentConfig:
         """Return the configuration of one vehicle's agent."""
         return AgentConfig(
@@ -635,6 +650,7 @@ class Mission:
             gimbal=vehicle.section.gimbal,
             profile=vehicle.section.profile,
             targets=tuple(each.name for each in self.targets),
+            reserves=self.reserves,
             rings=tuple(
                 RingConfig(
                     each.name,

@@ -317,6 +317,11 @@ class CheckedLink(MavsdkLink):
             pace.adapt(losses)
         return replace(facts, link=self.report, losses=losses)
 
+    def count_anew(self) -> None:
+        """Count the losses of its connection from now on, for the facts as well."""
+        self.pace.count_anew()
+        self._counted_since_s = None
+
     async def _locate(self) -> None:
         """Look up the vehicle's origin; without one, its facts state that it is not ready."""
         with suppress(NotReadyError):

@@ -97,6 +97,15 @@ def preflight(
     ]
     for facts in team:
         findings += _of_vehicle(facts, mission, mission.vehicle(facts.vehicle_id), today)
+    return _ordered(findings)
+
+
+def vehicle_findings(mission: Mission, facts: VehicleFacts, today: date | None = None) -> tuple[Finding, ...]:
+    """Return the findings about one vehicle whose team is in the air; ordered, and raises, as `preflight`."""
+    return _ordered(_of_vehicle(facts, mission, mission.vehicle(facts.vehicle_id), today))
+
+
+def _ordered(findings: Iterable[Finding]) -> tuple[Finding, ...]:
     return tuple(sorted(findings, key=lambda finding: _ORDER.index(finding.grade)))
 
 
