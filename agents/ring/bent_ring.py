@@ -92,8 +92,10 @@ class Bender:
 
     def bend(self, centre_m: Pair) -> RingBend | None:
         """Return the bend about a centre, None if no side of some zone can be passed."""
-        found = (self._bend(centre_m, share * self._acceleration_m_s2) for share in _ACCELERATION_SHARES)
-        return next((each for each in found if each is not None), None)
+        for share in _ACCELERATION_SHARES:
+            if (found := self._bend(centre_m, share * self._acceleration_m_s2)) is not None:
+                return found
+        return None
 
     def _bend(self, centre_m: Pair, most_m_s2: float) -> RingBend | None:
         low_m, high_m = self._intervals(centre_m)
