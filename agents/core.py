@@ -420,13 +420,14 @@ class VehicleCore:
             self._failsafe.latch_override(*override(self._vehicle.status))
 
     def _setpoint(self, task: Task, plan: Plan, guarded: Guarded) -> Setpoint:
-        wanted_m, climb_m_s = self._altitude.next(task.tactic, task.layer_m, task.situation.polar)
-        if (altitude_m := self._guard.altitude_m(wanted_m)) != wanted_m:
+        situation = task.situation
+        wanted_m, climb_m_s = self._altitude.next(task.tactic, task.layer_m, situation.polar)
+        if (altitude_m := self._guard.altitude_m(wanted_m, situation.acting_motion, situation.height_m)) != wanted_m:
             climb_m_s = 0.0
-        (x, y), velocity = self._feedforward.split(task.situation, plan, guarded, climb_m_s)
+        (x, y), velocity = self._feedforward.split(situation, plan, guarded, climb_m_s)
         off_x, off_y = self._estimator.offset_m
-        yaw_rad = self._yaw.turn(task.tactic, task.situation)
-        camera_rad = self._camera.next(task.situation, self._estimator.link_delay_s, self._altitude.target_m)
+        yaw_rad = self._yaw.turn(task.tactic, situation)
+        camera_rad = self._camera.next(situation, self._estimator.link_delay_s, self._altitude.target_m)
         return Setpoint((x + off_x, y + off_y, altitude_m), yaw_rad, velocity, camera_rad)
 
     # Inputs between ticks

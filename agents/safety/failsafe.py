@@ -40,6 +40,7 @@ class Condition(Enum):
     TILTED = "tilt too large"
     WINDY = "wind too strong"
     FENCE_LEFT = "fence left"
+    ZONE_ENTERED = "no-fly zone entered"
     ALTITUDE_LEFT = "altitude limit left"
     TOO_CLOSE = "too close"
     TARGET_STALE = "target stale"
@@ -342,6 +343,14 @@ TABLE = (
         (Reaction.HOLD, Reaction.LAND),
         RESUME,
         "fly it back by remote control, or let it land outside",
+    ),
+    Row(
+        Condition.ZONE_ENTERED,
+        "the vehicle is in a zone of `[[safety.no_fly]]`, at a height of the zone",
+        "failsafe.fence_s",
+        (Reaction.HOLD, Reaction.LAND),
+        RESUME,
+        "fly it out by remote control, or let it land in the zone",
     ),
     Row(
         Condition.ALTITUDE_LEFT,

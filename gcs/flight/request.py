@@ -3,6 +3,8 @@
 from dataclasses import dataclass
 from math import inf
 
+from agents.team.participant import name_from
+from gcs.checklist import Checklist
 from gcs.errors import InputError
 from gcs.flight.faults.schedule import scheduled_faults
 from gcs.flight.plan import FlightPlan
@@ -20,7 +22,8 @@ class FlightRequest:
     stubs, measured otherwise. `duration_s` replaces the mission's. `faults` are texts such as "link-cut@120:2".
     `wait_s` [wall s] limits the wait for vehicles that are not ready; with `awaits_start` they wait for an operator's
     start. On the `bench`, boards in hardware-in-the-loop simulation fly. The mission's planner is imported only if
-    `allow_plugins`.
+    `allow_plugins`. Who has done the mission's checklist may be named by `checklist_done`; else its items are ticked on
+    the operator's page.
     """
 
     mission: Mission
@@ -33,6 +36,7 @@ class FlightRequest:
     awaits_start: bool = False
     bench: bool = False
     allow_plugins: bool = False
+    checklist_done: str = ""
 
     def plan(self) -> FlightPlan:
         """Return the plan; raises InputError, whose faults name options of `cordon fly`."""
@@ -57,7 +61,21 @@ class FlightRequest:
             faults=scheduled_faults(self.faults, mission, duration_s, stubs),
             clock=clock,
             planner=planner_of(mission, allowed=self.allow_plugins),
+            checklist=self._checklist(),
         )
+
+    def _checklist(self) -> Checklist | None:
+        """Return the checklist to wait for; where operators start the vehicles, `cordon start` requires it."""
+        items = self.mission.checklist
+        if self.checklist_done and (not items or self.awaits_start):
+            where = "`cordon start` takes it" if items else "the mission has no [[checklist]]"
+            raise InputError([f"--checklist-done: {where}"])
+        if not items or self.awaits_start:
+            return None
+        checklist = Checklist(self.mission.network.team, items)
+        if self.checklist_done:
+            checklist.tick_all(name_from(self.checklist_done))
+        return checklist
 
 
 def require_governed(speed: float | None, *, only_stubs: bool, advice: str) -> None:

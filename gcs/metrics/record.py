@@ -215,7 +215,8 @@ class FlightRecord:
     are in order, their times since the mission's start as well. `estimates` are the tracks by the estimates of the same
     vehicles beside the true ones, empty without both. `truth_missing` is the first lack of truth that left the
     reference at the estimate, empty where there is none or no truth at all. `endings` are those of the vehicles of
-    which it is known. `faults` are those injected into stub vehicles.
+    which it is known. `faults` are those injected into stub vehicles. `ways_closest_m` is how near two came before the
+    mission's start or after its end (`closest_on_ways_m`), None if there were never two in the air at a like height.
     `kinds` are what vehicles are (gcs/autopilots/autopilot.py), by their ids; empty in simulations. `cameras` are where
     the cameras of vehicles looked whose gimbals were pointed, by the vehicles' ids.
 
@@ -242,6 +243,7 @@ class FlightRecord:
     kinds: Mapping[int, str] = field(default_factory=dict)
     targets: tuple[TargetPath, ...] = ()
     ring_targets: tuple[int, ...] = ()
+    ways_closest_m: float | None = None
     cameras: Mapping[int, CameraTrack] = field(default_factory=dict)
 
     def of_ring(self, number: int) -> "FlightRecord":
@@ -262,6 +264,7 @@ class FlightRecord:
             events=tuple(each for each in self.events if each.ring is None or each.ring.ring == number),
             targets=(),
             ring_targets=(),
+            ways_closest_m=None,
         )
 
     def of_vehicles(self, vehicle_ids: Container[int]) -> "FlightRecord":

@@ -12,6 +12,7 @@ from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 
 from agents.settings.config import AgentConfig, RingConfig
 from agents.settings.sections import (
+    NAME_PATTERN,
     ChoreographySettings,
     DecisionSettings,
     EncirclementSection,
@@ -32,6 +33,7 @@ from estimation.plant.model import Plant
 from estimation.profile.autopilots import DEFAULT, AutopilotName
 from estimation.profile.profile import Profile
 from estimation.settings import OwnFilterSettings, Settings, TargetBehaviour, TargetFilterSettings
+from estimation.vectors import Pair
 from gcs.autopilots.registry import autopilot_of
 from gcs.mission.overrides import overridden, places
 from sitl.reacting_target import Evasion
@@ -111,7 +113,6 @@ TARGET_SPEED_MAX_M_S = 20.0
 
 _NAME_MAX = 24
 """Maximum length of the name of a target or a ring."""
-NAME_PATTERN = r"^[A-Za-z0-9_-]*$"
 TEAM_PATTERN = r"^[A-Za-z0-9_-]{1,32}$"
 
 Metre = Annotated[float, Field(ge=-1e5, le=1e5)]
@@ -187,6 +188,18 @@ class SensorChange(SensorSection):
     """`sensor` of a vehicle: values that replace those of `[target.sensor]` for this vehicle."""
 
     range_m: float = Field(10000.0, gt=0.0, le=10000.0, description="largest distance of a sighting")
+
+
+class ChecklistItem(Settings):
+    """`[[checklist]]`: what people check before take-off. Nothing is armed until all required items are ticked, on the
+    operator's page or by `--checklist-done NAME`.
+    """
+
+    text: str = Field(min_length=1, max_length=200, pattern=r"^[^\x00-\x1f\x7f]*$", description="what to check")
+    required: bool = Field(True, description="whether take-off waits for it")
+
+
+CHECKLIST_MAX = 50
 
 
 class LegSection(Settings):
@@ -441,6 +454,12 @@ def lowest_between_m(vehicles: Sequence[VehicleSection], safety: SafetySettings)
     return max(low, default=None), min(high, default=None)
 
 
+def rally_spot_m(start_m: Pair, starts_m: Sequence[Pair], place_m: Pair) -> Pair:
+    """Return a vehicle's spot [m] at a rally point: from there as far as its start is from the middle of all starts."""
+    x, y = (start_m[axis] - sum(each[axis] for each in starts_m) / len(starts_m) + place_m[axis] for axis in (0, 1))
+    return x, y
+
+
 @dataclass(frozen=True, slots=True)
 class MissionVehicle:
     """A vehicle of the mission with its profile: the plant its controller assumes, and the one a simulation flies.
@@ -524,6 +543,7 @@ class Mission:
     folder: Path = field(default=Path(), compare=False)
     targets: tuple[TargetSection, ...] = ()
     rings: tuple[MissionRing, ...] = ()
+    checklist: tuple[ChecklistItem, ...] = field(default=(), compare=False)
 
     def of_ring(self, number: int) -> "Mission":
         """Return the mission as one of a single ring and its target; raises IndexError if there is no such ring."""
@@ -581,6 +601,11 @@ class Mission:
             origin = Geodetic(frame.latitude_deg, frame.longitude_deg, frame.altitude_m)
         return MissionFrame(origin, radians(frame.x_bearing_deg))
 
+    def rally_m(self, vehicle: MissionVehicle) -> tuple[Pair, ...]:
+        """Return a vehicle's spots at the rally points [m]."""
+        starts_m = [each.section.start_m for each in self.vehicles]
+        return tuple(rally_spot_m(vehicle.section.start_m, starts_m, each.place_m) for each in self.safety.rally)
+
     def agent_config(self, vehicle: MissionVehicle) -> AgentConfig:
         """Return the configuration of one vehicle's agent."""
         return AgentConfig(
@@ -600,6 +625,7 @@ class Mission:
             target_filter=self.target_filter,
             choreography=self.choreography,
             home_m=vehicle.section.start_m,
+            rally_m=() if self.excites else self.rally_m(vehicle),
             layers_from_m=max(each.section.altitude_m for each in self.vehicles),
             altitude_lowest_m=min(each.section.altitude_m for each in self.vehicles),
             lowest_between_m=lowest_between_m([each.section for each in self.vehicles], self.safety),

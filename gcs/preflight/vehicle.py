@@ -385,6 +385,7 @@ def _shifted(facts: VehicleFacts, by_m: Triple) -> VehicleFacts:
         origin_m=facts.origin_m and (facts.origin_m[0] + x, facts.origin_m[1] + y, facts.origin_m[2] + z),
         position_m=facts.position_m and (facts.position_m[0] + x, facts.position_m[1] + y, facts.position_m[2] + z),
         fence_areas=areas,
+        rally_m=facts.rally_m and tuple((px + x, py + y) for px, py in facts.rally_m),
     )
 
 

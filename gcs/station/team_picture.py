@@ -35,7 +35,7 @@ from gcs.console.vehicle_view import (
     with_unaccounted,
 )
 from gcs.metrics.ending import AUTOPILOTS_ALONE, UNACCOUNTED, WATCH_THEM, LostFlight, named
-from gcs.mission.geometry import fences
+from gcs.mission.geometry import areas
 from gcs.mission.mission import Mission
 from gcs.station.picture import EventPicture, LostPicture, TargetPicture, TeamPicture
 from gcs.station.seen_target import SeenTarget
@@ -112,7 +112,7 @@ class TeamPictures:
         self._targets = len(mission.targets)
         self._seen_targets = [SeenTarget(mission, each) for each in mission.every_target]
         self._traffic = SeenTraffic()
-        self._fences = fences([each.section for each in mission.vehicles], mission.safety)
+        self._areas = areas([each.section for each in mission.vehicles], mission.safety)
         self._names = ring_names(mission)
         self._state = TeamState(mission.ids, rings=self._names)
         self._numbers = count(1)
@@ -305,7 +305,7 @@ class TeamPictures:
             since_s = now_s - max(received.state_s, received.report_s)
             clock_s = max(_time_s(received.state), received.report.time_s) + since_s
             view = with_report(view, received.report, now_s - received.report_s, clock_s)
-        view = with_surroundings(view, places_m, self._fences)
+        view = with_surroundings(view, places_m, self._areas)
         if vehicle_id in self._unaccounted:
             return with_unaccounted(received.with_last_position(view, now_s))
         return with_alert(view, "" if has_ended else own_alert or lost, is_lost=bool(lost))

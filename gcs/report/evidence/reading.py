@@ -340,7 +340,8 @@ class _VehicleReader:
             rows.own_s.append(decision.time_s)
             rows.own.append(mean[MOTION])
             rows.own_sigma.append(_sigma(decision.own.covariance, 6))
-            of_tick = np.array(mean[MOTION]), decision.tactic, _target_of(decision), ring_of(decision)
+            height_m = self._telemetry[-1][4] if self._telemetry else np.nan
+            of_tick = np.array(mean[MOTION]), height_m, decision.tactic, _target_of(decision), ring_of(decision)
             self._journal.add_sample(self.vehicle_id, decision.time_s, *of_tick)
         if decision.HasField("target"):
             rows.target_s.append(decision.time_s)

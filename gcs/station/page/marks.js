@@ -11,11 +11,26 @@ const FAR_M = 100; // a camera that looks along the ground covers it to the hori
 
 const collection = (features) => ({ type: "FeatureCollection", features });
 
-/** The fence and the starts, which are constant. */
+/** The fence, the no-fly zones and the starts, which are constant. */
 export function planMarks(mission, frame) {
   const fences = new Map(mission.vehicles.filter(hasFence).map((each) => [JSON.stringify(each.fence_m), each.fence_m]));
   const starts = mission.vehicles.map((each) => line("start", cross(each.start_m, 0.6), frame, { colour: each.colour }));
-  return collection([...[...fences.values()].map((fence_m) => line("fence", [closed(fence_m)], frame)), ...starts]);
+  const zones = (mission.zones ?? []).map((zone) => area("zone", zoneLine(zone), frame));
+  return collection([...zones, ...[...fences.values()].map((fence_m) => line("fence", [closed(fence_m)], frame)), ...starts]);
+}
+
+/** The closed line around a no-fly zone. */
+export function zoneLine({ polygon_m, center_m, radius_m }) {
+  return polygon_m.length ? closed(polygon_m) : circle(center_m, radius_m);
+}
+
+/** Where the name of a zone is: the middle of its box. */
+export function zoneMiddle(zone) {
+  const line_m = zoneLine(zone);
+  return [0, 1].map((axis) => {
+    const values = line_m.map((point_m) => point_m[axis]);
+    return (Math.min(...values) + Math.max(...values)) / 2;
+  });
 }
 
 const hasFence = (vehicle) => vehicle.fence_m.length > 2;
