@@ -48,8 +48,8 @@ class AgentConfig:
     (None: it lands in place), `rally_m` are its spots at the rally points, `layers_from_m` is the lowest layer's height
     and `altitude_lowest_m` the lowest flying height (None: its own). The ring's lowest vehicle stays between the two of
     `lowest_between_m`, which keeps every vehicle inside its limits. `slots_m` are the positions in a free formation,
-    `gaps` the weights of the ring's gaps. With `excitation` it flies for identification. With a `gimbal` its camera
-    looks at the target.
+    `gaps` the weights of the ring's gaps. With `excitation` it flies for identification.
+    With a `gimbal` its camera looks at the target.
 
     A mission of several rings has them all in `rings`, and the names of its targets in `targets`; `ring` is the number
     of the one that the vehicle flies, whose settings are `encirclement`. Both are empty with one ring.

@@ -317,15 +317,9 @@ class Journal:
             kinds=run.kinds,
             targets=targets,
             ring_targets=ring_targets_of(mission),
-            cameras={i: self._camera(i, views, start_s) for i, views in run.views.items() if views},
             ways_closest_m=self._ways_closest_m(run.truth if true else (), start_s, start_s + float(time_s[-1])),
+            cameras={i: self._camera(i, views, start_s) for i, views in run.views.items() if views},
         )
-
-    def _camera(self, vehicle_id: int, views: Sequence[CameraView], start_s: float) -> CameraTrack:
-        """Return where a vehicle's camera looked; the target's own height counts where the mission has it."""
-        gimbal, height_m = self._mission.vehicle(vehicle_id).section.gimbal, self._mission.target.altitude_m
-        aimed_m = 0.0 if gimbal is None else gimbal.target_height_m
-        return CameraTrack.of(views, start_s, aimed_m if height_m is None else height_m)
 
     def _ways_closest_m(self, truth: Sequence[TruthTrack], start_s: float, end_s: float) -> float | None:
         """Return how near two vehicles came outside the mission, by truth if it is known, else by their estimates."""
@@ -338,6 +332,12 @@ class Journal:
         grid_s = ways_s([time_s for time_s, _ in paths], (start_s, end_s))
         position_m = np.array([path_on_grid_m(*path, grid_s) for path in paths if path[0].size])
         return closest_on_ways_m(position_m, HEIGHT_SHARE * self._mission.safety.vertical_separation_m)
+
+    def _camera(self, vehicle_id: int, views: Sequence[CameraView], start_s: float) -> CameraTrack:
+        """Return where a vehicle's camera looked; the target's own height counts where the mission has it."""
+        gimbal, height_m = self._mission.vehicle(vehicle_id).section.gimbal, self._mission.target.altitude_m
+        aimed_m = 0.0 if gimbal is None else gimbal.target_height_m
+        return CameraTrack.of(views, start_s, aimed_m if height_m is None else height_m)
 
     def _target_number(self, ring: int) -> int:
         """Return the number of a ring's target."""

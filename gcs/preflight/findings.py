@@ -112,8 +112,8 @@ class VehicleFacts:
     reported. Parameters, `estimator`, `fence_areas` and the rally points `rally_m` that could not be read are None.
     `link` is the traffic with its system id, from it and from others; `link_bytes_s` is the traffic per second on its
     connection, from all vehicles there, and `losses` what the connection loses. `uid` and `vendor_id` are those of its
-    AUTOPILOT_VERSION. `gimbal` is that of a camera that the mission points. Raises ValueError for numbers that are not
-    finite.
+    AUTOPILOT_VERSION. `gimbal` is that of a camera that the mission points. Raises ValueError for numbers that are
+    not finite.
     """
 
     vehicle_id: int

@@ -428,8 +428,8 @@ class _VehicleQuery(NamedTuple):
             telemetry_rate_asked_hz=self.rates.telemetry_hz,
             parameters=parameters,
             fence_areas=areas,
-            gimbal=NO_GIMBAL_FACTS if feed.gimbal is None else feed.gimbal.facts,
             rally_m=rally_m,
+            gimbal=NO_GIMBAL_FACTS if feed.gimbal is None else feed.gimbal.facts,
         )
 
     async def _all_batteries(self) -> None:

@@ -111,8 +111,8 @@ class TeamPictures:
         self._rings = mission.rings
         self._targets = len(mission.targets)
         self._seen_targets = [SeenTarget(mission, each) for each in mission.every_target]
-        self._traffic = SeenTraffic()
         self._areas = areas([each.section for each in mission.vehicles], mission.safety)
+        self._traffic = SeenTraffic()
         self._names = ring_names(mission)
         self._state = TeamState(mission.ids, rings=self._names)
         self._numbers = count(1)
