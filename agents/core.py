@@ -565,7 +565,7 @@ class VehicleCore:
     def _take_state(self, state: MemberState) -> None:
         self._receive_sightings(state)
         self._team.receive(state)
-        self._traffic.hear(state.traffic)
+        self._traffic.hear(state.traffic or ())
         if state.shape is not None:
             self._reshape(Reshaping(state.shaped_s, state.shape))
         commanded = state.choice.commanded if state.choice is not None else [state.ring] if state.ring else []

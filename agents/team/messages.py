@@ -255,7 +255,7 @@ class MemberState(msgspec.Struct, frozen=True, array_like=True):
     sightings: tuple[TargetPackage, ...] = ()
     ring: Annotated[CommandedRing | None, Added(1)] = None
     choice: Annotated[RingChoice | None, Added(2)] = None
-    traffic: Annotated[tuple[Aircraft, ...], msgspec.Meta(max_length=TRAFFIC_MAX), Added(3)] = ()
+    traffic: Annotated[Annotated[tuple[Aircraft, ...], msgspec.Meta(max_length=TRAFFIC_MAX)] | None, Added(3)] = None
 
 
 class MissionIdentity(msgspec.Struct, frozen=True, array_like=True):
