@@ -47,7 +47,7 @@ from agents.safety.failsafe_monitor import FailsafeMonitor
 from agents.safety.fault_detector import FaultDetector, Faults
 from agents.safety.guard import Guard, Guarded, GuardStatus, Interventions
 from agents.safety.neighbours import NEAR_FOR_S, Neighbours
-from agents.safety.traffic import Traffic
+from agents.safety.traffic import KnownTraffic
 from agents.setpoint import STAYS, Altitude, FeedForward, SlewLimit, Yaw
 from agents.settings.config import AgentConfig
 from agents.situation.estimator import Estimator
@@ -123,7 +123,7 @@ class VehicleCore:
         self._estimator = Estimator(config)
         self._own_sensors = OwnSensors(config)
         self._chooser = RingChooser(config) if len(config.rings) > 1 else None
-        self._traffic = Traffic(config)
+        self._traffic = KnownTraffic(config)
         self._broadcast = StateBroadcast(config, self._team, self._own_sensors, self._chooser, self._traffic)
         self._fault_detector = FaultDetector(config, self._estimator, self._own_sensors, self._team, clocks)
         self._vehicle = self._fault_detector.vehicle
@@ -588,7 +588,7 @@ class VehicleCore:
     def _take_state(self, state: MemberState) -> None:
         self._receive_sightings(state)
         self._team.receive(state)
-        self._traffic.hear(state.traffic)
+        self._traffic.hear(state.traffic or ())
         if state.shape is not None:
             self._reshape(Reshaping(state.shaped_s, state.shape))
         commanded = state.choice.commanded if state.choice is not None else [state.ring] if state.ring else []
