@@ -4,6 +4,7 @@ import asyncio
 import os
 from collections.abc import Awaitable, Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
@@ -40,6 +41,12 @@ class StationOptions:
         Parameter(validator=only_file, help="A file with an access token of your own, for pages elsewhere."),
     ] = None
     tiles: Tiles = None
+    edit: Annotated[
+        bool,
+        Parameter(
+            negative="", help="Draw the fence and the no-fly zones of the mission file on the map, before a flight."
+        ),
+    ] = False
     key: KeyName = None
     vehicles: Annotated[
         Literal["flight", "sitl", "hybrid", "bench"] | None,
@@ -64,12 +71,16 @@ def station(
     operator's keys. Ctrl-C ends the page, not the flight.
 
     Example: cordon station --mission case2-field
+
+    Example: cordon station --mission field.toml --edit
     """
     from gcs.station.station_process import flight_pipe
 
     hold_back()
     ending = _Ending(flight_pipe())
     access = _access(options)
+    if options.edit:
+        return _serve_editor(access, options, ending)
     return _serve_team(access, options, ending) if log is None else _serve_flight(log, access, options, ending)
 
 
@@ -126,6 +137,28 @@ def _serve_team(access: "Access", options: StationOptions, ending: _Ending) -> E
         await serve_team(team, commands, access, listening, stop, tiles=tiles, outlives=lost, checklist=checklist)
 
     return _serve(serve, access, f"team {mission.network.team}", ending, team.lose)
+
+
+def _serve_editor(access: "Access", options: StationOptions, ending: _Ending) -> Exit:
+    """Serve the page as an editor of the mission file; raises InputError for one that cannot be edited."""
+    from gcs.mission.file import bundled_missions, mission_path
+    from gcs.station.picture import origin_deg
+    from gcs.station.plan_editor import PlanEditor
+
+    if options.changes:
+        raise InputError(["--edit: the file is edited, without --set"])
+    if options.mission in bundled_missions():
+        raise InputError(
+            [f"--edit: {options.mission} is bundled with cordon: edit a file, such as one of `cordon new`"]
+        )
+    path = mission_path(options.mission)
+    tiles = None
+    editor = PlanEditor(path)
+    if options.tiles is not None:
+        tiles = _tiles(options.tiles, origin_deg(editor.mission))
+        editor = PlanEditor(path, tiles)
+    serve_pages = partial(editor.serve, access)
+    return _serve(serve_pages, access, f"editor of {path.name}", ending)
 
 
 def _serve_flight(path: Path, access: "Access", options: StationOptions, ending: _Ending) -> Exit:

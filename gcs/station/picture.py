@@ -11,7 +11,7 @@ import msgspec
 from msgspec import UNSET, UnsetType
 
 from agents.ring.commanded_ring import RingBounds
-from agents.settings.sections import EncirclementSettings
+from agents.settings.sections import CORNERS_MAX, ZONES_MAX, EncirclementSettings
 from agents.team.messages import TARGETS_MAX, RingNumber, RingValues
 from agents.team.verbs import VERBS, Verb, VerbRow
 from estimation.frames import Triple
@@ -21,8 +21,8 @@ from gcs.mission.mission import Mission, MissionVehicle
 from gcs.preflight.mission import commanded_ring_bounds
 from gcs.style import COLOURS
 
-FlightSource = Literal["flight", "sitl", "hybrid", "bench", "simulation", "log", "unstated"]
-"""The kind of the vehicles; "unstated" if it is not known whether real ones fly."""
+FlightSource = Literal["flight", "sitl", "hybrid", "bench", "simulation", "log", "plan", "unstated"]
+"""The kind of the vehicles; "plan" without any, "unstated" if it is not known whether real ones fly."""
 SIGHTING_LASTS_MAX_S = 60.0
 """A page repeats a report of the target for this time at most."""
 
@@ -272,6 +272,31 @@ class TickRequest(msgspec.Struct, frozen=True, tag_field="kind", tag="tick", for
 
     item: Annotated[int, msgspec.Meta(ge=0)]
     ticked: bool
+
+
+class PlanPicture(_Picture, frozen=True, tag="plan"):
+    """The fence and the no-fly zones of a mission file, to be edited on the page; without a fence no corners."""
+
+    file: str
+    fence_m: tuple[Pair, ...]
+    zones: tuple[ZonePicture, ...]
+
+
+class PlanRequest(msgspec.Struct, frozen=True, tag_field="kind", tag="plan", forbid_unknown_fields=True):
+    """A fence and no-fly zones from a page, to be checked, and with `save` to be written into the mission file."""
+
+    request: int
+    fence_m: Annotated[tuple[Pair, ...], msgspec.Meta(max_length=CORNERS_MAX)]
+    zones: Annotated[tuple[ZonePicture, ...], msgspec.Meta(max_length=ZONES_MAX)]
+    save: bool = False
+
+
+class PlanAnswer(_Picture, frozen=True, tag="planned"):
+    """The faults of a mission with the fence and the zones of a request, and whether they were saved."""
+
+    request: int
+    faults: tuple[str, ...]
+    is_saved: bool
 
 
 class RecoveredRequest(msgspec.Struct, frozen=True, tag_field="kind", tag="recovered", forbid_unknown_fields=True):

@@ -121,7 +121,7 @@ class Stream:
 
 def live_app(stream: Stream, tiles: MapTiles | None = None) -> ASGIApp:
     """Return what pages of a running team receive once they have entered."""
-    return _app([WebSocketRoute("/stream", stream.serve)], tiles)
+    return app_of([WebSocketRoute("/stream", stream.serve)], tiles)
 
 
 def recorded_app(flight: FlightPicture, tiles: MapTiles | None = None) -> ASGIApp:
@@ -133,7 +133,7 @@ def recorded_app(flight: FlightPicture, tiles: MapTiles | None = None) -> ASGIAp
     async def recorded(_request: Request) -> Response:
         return Response(packed, media_type="application/json", headers=headers)
 
-    return _app([Route("/flight.json", recorded), WebSocketRoute("/stream", _hold_open)], tiles)
+    return app_of([Route("/flight.json", recorded), WebSocketRoute("/stream", _hold_open)], tiles)
 
 
 async def _hold_open(page: WebSocket) -> None:
@@ -144,7 +144,8 @@ async def _hold_open(page: WebSocket) -> None:
         pass
 
 
-def _app(data: Sequence[BaseRoute], tiles: MapTiles | None) -> Starlette:
+def app_of(data: Sequence[BaseRoute], tiles: MapTiles | None) -> Starlette:
+    """Return what pages that have entered receive: these routes, and map tiles."""
     return Starlette(routes=[*data, *([] if tiles is None else [_tiles_route(tiles)])])
 
 
@@ -237,7 +238,12 @@ class _PromptSocket(WebSocketsSansIOProtocol):
 
 
 async def serve(
-    app: ASGIApp, access: Access, listening: Sequence[ListeningSocket], stop: asyncio.Event, page: Path = PAGE
+    app: ASGIApp,
+    access: Access,
+    listening: Sequence[ListeningSocket],
+    stop: asyncio.Event,
+    page: Path = PAGE,
+    request_max_bytes: int = REQUEST_MAX_BYTES,
 ) -> None:
     """Serve the files of the page, and an application to pages that have entered, until `stop` disconnects them."""
     certificate, key = access.tls or (None, None)
@@ -249,7 +255,7 @@ async def serve(
         server_header=False,
         proxy_headers=False,
         ws=_PromptSocket,
-        ws_max_size=REQUEST_MAX_BYTES,
+        ws_max_size=request_max_bytes,
         ws_ping_interval=_PING_PERIOD_S,
         ws_ping_timeout=_DEAD_AFTER_S,
         ssl_certfile=certificate,

@@ -204,13 +204,13 @@ def test_no_fly_zones_are_drawn_with_their_heights(open_page: OpenPage) -> None:
             box: Any = name.bounding_box()
             x, y = shown.pixel(*middle)
             assert hypot(box["x"] + box["width"] / 2.0 - x, box["y"] + box["height"] / 2.0 - y) < 4.0
-        inside, outside = (colour(shown, *at) for at in ((22.0, 2.0), (22.0, -3.0)))
+        inside, outside = (colour(shown, *at) for at in ((21.0, 9.0), (18.0, 9.0)))
         assert inside != outside
         shown.page.locator("#layers summary").click()
-        shown.page.get_by_label("No-fly zones").uncheck()
+        shown.page.get_by_role("checkbox", name="No-fly zones").uncheck()
         shown.page.locator("#layers summary").click()
         shown.page.wait_for_timeout(500)
-        assert colour(shown, 22.0, 2.0) == outside
+        assert colour(shown, 21.0, 9.0) == outside
         expect(names.first).to_be_hidden()
 
 

@@ -104,6 +104,42 @@ export class Scene {
     this.zones.forEach(({ marker }, number) => this.#place(marker, zoneMiddle(mission.zones[number])));
   }
 
+  /** The middle of what the map shows, in metres. */
+  get middle() {
+    const { lng, lat } = this.map.getCenter();
+    return this.frame.point_m([lng, lat]);
+  }
+
+  /** The width of what the map shows, in metres. */
+  get width_m() {
+    const [width, height] = this.#size;
+    const [from, to] = [0, width].map((x) => this.#pointOf({ x, y: height / 2 }));
+    return Math.hypot(to[0] - from[0], to[1] - from[1]);
+  }
+
+  /**
+   * Put an element at a place in metres.
+   * @param {?function(number[], boolean)} moved called with the place, and whether that is the end, while it is dragged
+   */
+  handle(root, point_m, moved) {
+    const marker = new maplibre.Marker({ element: root, draggable: Boolean(moved) });
+    marker.setLngLat(this.frame.lonLat(point_m)).addTo(this.map);
+    const place = () => {
+      const { lng, lat } = marker.getLngLat();
+      return this.frame.point_m([lng, lat]);
+    };
+    if (moved) {
+      marker.on("drag", () => moved(place(), false));
+      marker.on("dragend", () => moved(place(), true));
+    }
+    return marker;
+  }
+
+  /** Move such an element. */
+  move(marker, point_m) {
+    marker.setLngLat(this.frame.lonLat(point_m));
+  }
+
   /** Draw a TeamPicture, and the trails from those before it. */
   update(team, past) {
     if (!this.symbols) return;

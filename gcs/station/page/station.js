@@ -6,6 +6,7 @@ import { Checklist } from "./checklist.js";
 import { Commands } from "./commands.js";
 import { byId, setText } from "./dom.js";
 import { Events } from "./events.js";
+import { PlanEditor } from "./plan_editor.js";
 import { Replay } from "./replay.js";
 import { Selection } from "./selection.js";
 import { Stream, streamUrl } from "./stream.js";
@@ -27,7 +28,7 @@ const CHECK_EVERY_MS = 250;
 class Page {
   /** @param {function(Object): boolean} send passes a request to the station @param {function(): Object} headers of requests for tiles */
   constructor(send, headers) {
-    this.headers = headers;
+    Object.assign(this, { send, headers });
     this.selection = new Selection();
     this.commands = new Commands(this.selection, send);
     this.events = new Events(byId("events"), byId("polite"));
@@ -55,7 +56,7 @@ class Page {
     this.selection.start(mission.vehicles.map(({ vehicle_id }) => vehicle_id));
     const { topbar, commands, alarms, strips, cards, table } = this;
     for (const part of [topbar, commands, alarms, strips, cards, table]) part.start(mission);
-    this.scene?.start(mission).then(() => this.redraw());
+    this.scene?.start(mission).then(() => this.#begun());
     document.body.dataset.source = mission.source;
   }
 
@@ -86,14 +87,29 @@ class Page {
     byId("map-state").hidden = false;
     try {
       const { Scene } = await import("./scene.js");
-      this.scene = new Scene(byId("map"), this.selection, this.headers, (...place) => this.commands.choices(...place));
+      this.scene = new Scene(byId("map"), this.selection, this.headers, (...place) => this.#choices(...place));
       await this.scene.isLoaded;
     } catch (error) {
       setText(byId("map-state"), "The map could not be loaded: reload the page. The cards and the table show every quantity.");
       throw error;
     }
     byId("map-state").hidden = true;
-    if (this.mission) this.scene.start(this.mission).then(() => this.redraw());
+    if (this.mission) this.scene.start(this.mission).then(() => this.#begun());
+  }
+
+  #begun() {
+    this.redraw();
+    if (this.plan && !this.editor) this.editor = new PlanEditor(this.scene, this.mission, this.plan, this.send);
+  }
+
+  /** Edit the fence and the zones of a PlanPicture; what has been changed on the page stays after a broken connection. */
+  edit(plan) {
+    this.plan = plan;
+    if (this.scene?.zones) this.#begun();
+  }
+
+  #choices(point_m, place) {
+    return this.editor ? this.editor.choices(point_m) : this.commands.choices(point_m, place);
   }
 
   #recolour() {
@@ -128,6 +144,8 @@ class Live {
     else if (picture.kind === "event") this.page.events.add(picture);
     else if (picture.kind === "receipt") this.page.commands.receipt(picture);
     else if (picture.kind === "checklist") this.page.checklist.take(picture);
+    else if (picture.kind === "plan") this.page.edit(picture);
+    else if (picture.kind === "planned") this.page.editor?.answer(picture);
     else if (picture.kind === "answer") this.page.commands.answer(picture);
     else if (picture.kind === "team" && this.page.mission) this.#team(picture); // one that overtook the mission has a successor
   }
