@@ -92,7 +92,8 @@ class MissionPicture(_Picture, frozen=True, tag="mission"):
     `x_bearing_deg` is the bearing of the x axis, clockwise from north. The ring's altitude is that of its lowest
     vehicle, None if it follows the target's; `ring_bounds` are those of the rings that can be commanded. `tiles` is
     None without map tiles. A mission of several rings has them in `rings`, where `ring` and `ring_bounds` are those of
-    the first, and the names of its targets in `targets`; both are missing with one ring.
+    the first, and the names of its targets in `targets`; both are missing with one ring. The page shows `team_count`
+    teams, each with a stream of its own, of which this is `team_number`, from 0.
     """
 
     mission: str
@@ -114,6 +115,8 @@ class MissionPicture(_Picture, frozen=True, tag="mission"):
     targets: tuple[str, ...] | UnsetType = UNSET
     rings: tuple[RingPicture, ...] | UnsetType = UNSET
     zones: tuple[ZonePicture, ...] = ()
+    team_number: int = 0
+    team_count: int = 1
 
 
 class TargetPicture(msgspec.Struct, frozen=True):

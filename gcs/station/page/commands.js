@@ -97,9 +97,10 @@ export class Commands {
     this.#showRequest(request);
   }
 
-  /** Requests are not repeated: the outcome of unanswered ones is unknown. */
-  connectionLost() {
+  /** Requests are not repeated: the outcome of unanswered ones to this team is unknown. */
+  connectionLost(team) {
     for (const request of this.requests.values()) {
+      if (request.team !== team) continue;
       request.isLost = true;
       this.#showRequest(request);
     }
@@ -182,6 +183,8 @@ export class Commands {
   /** Show a request, with the vehicles that it is for or null; `unsent` is why it was not sent, empty if it was. */
   #add(verb, target, unsent, id = requestName()) {
     const request = { verb, target, unsent, isLost: false, isDelivered: false, isSlow: false, answers: new Map(), item: element("li", { "data-request": id }) };
+    request.team = this.mission.team_number;
+    request.to = this.mission.team_count > 1 ? ` (${this.mission.mission})` : "";
     request.sentAt = new Date().toLocaleTimeString([], { hour12: false });
     this.requests.set(id, request);
     byId("answers").prepend(request.item);
@@ -206,14 +209,15 @@ export class Commands {
 
   #showRequest(request) {
     const { target } = request;
-    const head = `${request.sentAt} ${title(request.verb)}${target ? `, ${vehicleNames(target.vehicles, target.all)}` : ""}`;
+    const head = `${request.sentAt} ${title(request.verb)}${target ? `, ${vehicleNames(target.vehicles, target.all)}` : ""}${request.to}`;
     const answers = [...request.answers.values()].map(answerRow);
     request.item.replaceChildren(element("strong", {}, head), element("ul", {}, ...answers, ...openRow(request)));
   }
 
   #showTarget() {
     const { vehicles, all, without, isEmpty } = this.selection;
-    setText(byId("target-text"), `To ${vehicleNames(vehicles, all)}${without && ` (${without})`}`);
+    const of = this.mission?.team_count > 1 ? ` of ${this.mission.mission}` : "";
+    setText(byId("target-text"), `To ${vehicleNames(vehicles, all)}${of}${without && ` (${without})`}`);
     setText(byId("hold-all"), `Hold all ${all.length}`);
     byId("hold-all").disabled = all.length === 0 || this.#processesEnded;
     byId("select-all").hidden = isEmpty;

@@ -6,10 +6,11 @@ import { labelPlaces } from "./labels.js";
 import { MapMenu } from "./map_menu.js";
 import { namePlace, planMarks, teamMarks, trailMarks, zoneMiddle } from "./marks.js";
 import { Measure } from "./measure.js";
-import { copy, copyOnClick, fullPlaceText, placeText } from "./places.js";
+import { copy, copyOnClick, frameOf, fullPlaceText, placeText } from "./places.js";
 import { Pointing } from "./pointing.js";
 import { flownRing, ringsOf, targetNames, targetsOf } from "./rings.js";
 import { ringSymbol, showTarget, showVehicle, targetSymbol, vehicleSymbol, zoneSymbol } from "./symbols.js";
+import { otherSymbol } from "./teams.js";
 import { atMostEvery } from "./throttle.js";
 import { byTrouble, trouble } from "./vehicles.js";
 import { Tiles } from "./tiles.js";
@@ -150,6 +151,25 @@ export class Scene {
     this.#showTargets(team);
     this.#placeLabels();
     if (this.isFollowing) this.#keepInView(team);
+  }
+
+  /** Show where the vehicles of the station's other teams are. @param {{mission: Object, team: Object}[]} others */
+  showOthers(others) {
+    this.others ??= new Map();
+    const seen = new Set();
+    for (const { mission, team } of this.mission ? others : []) {
+      if (Boolean(mission.origin_deg) !== Boolean(this.mission.origin_deg)) continue; // their places are not related
+      for (const vehicle of team.vehicles.filter((each) => each.position_m)) {
+        const key = `${mission.team_number} ${vehicle.vehicle_id}`;
+        seen.add(key);
+        if (!this.others.has(key)) this.others.set(key, this.#marked(otherSymbol(mission, vehicle.vehicle_id)));
+        const { root, marker } = this.others.get(key);
+        setText(root, `${mission.mission} ${vehicle.vehicle_id}${vehicle.is_stale ? " (stale)" : ""}`);
+        marker.setLngLat(frameOf(mission).lonLat(vehicle.position_m));
+        if (!root.isConnected) marker.addTo(this.map);
+      }
+    }
+    for (const [key, { marker }] of this.others) if (!seen.has(key)) marker.remove();
   }
 
   #showTargets(team) {
