@@ -12,7 +12,7 @@ from msgspec import UNSET, UnsetType
 
 from agents.ring.commanded_ring import RingBounds
 from agents.settings.sections import CORNERS_MAX, ZONES_MAX, EncirclementSettings
-from agents.team.messages import TARGETS_MAX, RingNumber, RingValues
+from agents.team.messages import TARGETS_MAX, Place, RingNumber, RingValues
 from agents.team.verbs import VERBS, Verb, VerbRow
 from estimation.frames import Triple
 from gcs.console.advice import Severity
@@ -240,7 +240,7 @@ class CommandRequest(msgspec.Struct, frozen=True, tag_field="kind", tag="command
 
     `confirmation` is the word typed for a kill, `overrides_pilot` whether a vehicle may be taken back
     from its pilot, `ring` what the verb ring takes. With several rings `ring_number` is the one that it changes, or
-    that the verb assign sends vehicles to, None to let them choose.
+    that the verb assign sends vehicles to, None to let them choose. `place` is what the verb goto takes.
     """
 
     request: str
@@ -250,6 +250,7 @@ class CommandRequest(msgspec.Struct, frozen=True, tag_field="kind", tag="command
     overrides_pilot: bool = False
     ring: RingValues | None = None
     ring_number: RingNumber | None = None
+    place: Place | None = None
 
 
 class SightingRequest(msgspec.Struct, frozen=True, tag_field="kind", tag="sighting", forbid_unknown_fields=True):

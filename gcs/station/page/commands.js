@@ -11,6 +11,7 @@ const REQUESTS_MAX = 20;
 const DELIVERED_WITHIN_MS = 1500;
 const PILOT = "pilot override";
 const NOT_SENT = "No connection to the station: press again once it is restored.";
+const GOTO = "goto";
 const HOLD = { verb: "hold", key: "h" };
 
 export class Commands {
@@ -56,7 +57,24 @@ export class Commands {
   choices(point_m, place) {
     if (this.mission.source === "log") return [];
     const why = this.mission.operator.sights ? "" : "no sensor's keys here";
-    return [{ name: "The target is here…", why, act: () => this.#askTarget(point_m, place) }];
+    const target = { name: "The target is here…", why, act: () => this.#askTarget(point_m, place) };
+    const goto = this.mission.verbs.find(({ name }) => name === GOTO && this.mission.operator.may.includes(GOTO));
+    const none = this.#processesEnded || !this.selection.all.length ? "no vehicle flies" : "";
+    const to = ([name, lands]) => ({ name: `${name}…`, why: goto ? none : `may not ${GOTO}`, act: () => this.#askGoto(goto, name, point_m, place, lands) });
+    return [target, ...[["Hold there", false], ["Land there", true]].map(to)];
+  }
+
+  /** Ask which vehicle goes to a place: the selected one, or the nearest. */
+  #askGoto(verb, title, point_m, place, lands) {
+    const { vehicles, all } = this.selection;
+    const away = (id) => {
+      const at = this.team?.vehicles.find((each) => each.vehicle_id === id)?.position_m;
+      return at ? Math.hypot(at[0] - point_m[0], at[1] - point_m[1]) : Infinity;
+    };
+    const [nearest] = vehicles.toSorted((one, other) => away(one) - away(other));
+    this.place.askVehicle(title, place, all, nearest, ({ vehicle }) => {
+      this.#request({ ...verb, label: `${lands ? "land" : "hold"} at ${place}` }, { vehicles: [vehicle], all, isAll: false }, { place: [...point_m, lands] });
+    });
   }
 
   #askTarget(position_m, place) {
