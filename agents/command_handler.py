@@ -37,6 +37,7 @@ _WHY_NOT = {
     Tactic.LAND: "it is landing",
     Tactic.PILOT_OVERRIDE: "cordon has handed it over: resume takes it back, kill cuts its motors",
 }
+_GOES_FROM = (Tactic.FORMATION, Tactic.ENCIRCLE, Tactic.TRANSIT, Tactic.ASIDE, Tactic.HOLD)
 _CHOOSES_NO_RING = (Tactic.STANDBY, Tactic.ASIDE, Tactic.HOLD, Tactic.PILOT_OVERRIDE)
 AGE_MAX_S, AHEAD_MAX_S = TOPICS[OperatorCommand].age_max_s, 1.0
 _DISARMED = "it is on the ground, disarmed: it takes off by rejoin"
@@ -47,16 +48,17 @@ class Circumstances(NamedTuple):
 
     `age_s` is the time since the command was sent [wall s], by the vehicle's clock: negative if dated ahead of it.
     `resume_refused` is why the vehicle must not resume, empty if it may; `ring_refused` why it cannot fly the commanded
-    ring. It `is_down` if it was armed and no longer is, and `follows` setpoints unless it takes off or was handed over.
-    `rejoin_refused` is why it must not take off again, empty if it may.
-    `ring` is the number of the ring that it flies on, None off the rings. The flight `ends` once the operator has
-    stopped it; its mission `is_over` from the return on.
+    ring, `place_refused` why it must not go to the commanded place. It `is_down` if it was armed and no longer is, and
+    `follows` setpoints unless it takes off or was handed over. `rejoin_refused` is why it must not take off again,
+    empty if it may. `ring` is the number of the ring that it flies on, None off the rings. The flight `ends` once the
+    operator has stopped it; its mission `is_over` from the return on.
     """
 
     age_s: float = 0.0
     resume_refused: str = ""
     ring_refused: str = ""
     rejoin_refused: str = ""
+    place_refused: str = ""
     ring: int | None = None
     is_down: bool = False
     follows: bool = True
@@ -106,6 +108,10 @@ class CommandHandler:
         self._assigned_s = -inf
         self.start_blockers: str | None = None
         """While the vehicle waits on the ground: what forbids its start, empty if nothing does."""
+        self.sent_to: OperatorCommand | None = None
+        """The command that sends this vehicle to a place, until the core has taken it."""
+        self.stays = False
+        """Whether a command has ended its way to a place, until the core has taken that."""
         self.starts = False
         """Whether an operator has started the vehicle."""
         self._done: OrderedDict[CommandKey, tuple[OperatorCommand, _Answer]] = OrderedDict()
@@ -212,13 +218,23 @@ class CommandHandler:
                 return self._start(row) if starts else self._rejoin(command, row, circumstances), None
             case _ if hindrance := self._hindrance(circumstances):
                 return _refused(hindrance), None
+            case _:
+                return self._move(command, tactic, now_s, circumstances)
+
+    def _move(
+        self, command: OperatorCommand, tactic: Tactic, now_s: float, circumstances: Circumstances
+    ) -> tuple[_Answer, Event | None]:
+        """Carry out a command of a vehicle that flies."""
+        match command.verb:
+            case "goto":
+                return self._go(command, tactic, circumstances)
             case "abort":
                 return self._abort_or_land(command.origin, tactic, now_s, circumstances)
             case "formation" | "ring" | "assign":
                 changes = {"formation": self._reshape, "ring": self._change_ring, "assign": self._assign}
                 return changes[command.verb](command, tactic, circumstances), None
             case _:
-                return self._steer(row, tactic, circumstances)
+                return self._steer(VERBS[command.verb], tactic, circumstances)
 
     def _hindrance(self, circumstances: Circumstances) -> str:
         """Return why the vehicle carries out no command but a start or a kill, empty if it does."""
@@ -259,6 +275,26 @@ class CommandHandler:
         answer, event = self._steer(VERBS["hold"], tactic, circumstances)
         unless = "" if circumstances.ends else " unless resumed"
         return answer._replace(did=f"{answer.did}, lands in {self._hover_s:g} s{unless}"), event
+
+    def _go(
+        self, command: OperatorCommand, tactic: Tactic, circumstances: Circumstances
+    ) -> tuple[_Answer, Event | None]:
+        """Send the vehicle to a place; it keeps its height, and holds or lands there."""
+        place = command.place
+        if place is None or command.vehicle is None:
+            why = "names no place" if place is None else "sends the whole team: send each vehicle"
+            return _refused(f"the command {why}"), None
+        if tactic not in _GOES_FROM:
+            return _refused(_over(tactic, circumstances) or f"not while its tactic is {tactic.value}"), None
+        reason = _over(tactic, circumstances) or circumstances.resume_refused or circumstances.place_refused
+        if not circumstances.follows:
+            reason = reason or "it is not in offboard"
+        if reason:
+            return _refused(reason), None
+        self._abort = None
+        self.sent_to = command
+        there = "lands" if place.lands else "holds"
+        return _Answer(f"goes to {place.text}, and {there} there"), None if tactic is Tactic.HOLD else Event.HOLD
 
     def _reshape(self, command: OperatorCommand, tactic: Tactic, circumstances: Circumstances) -> _Answer:
         """Change the shape of the formation; a vehicle in another tactic takes its place once it is back."""
@@ -326,6 +362,7 @@ class CommandHandler:
             return _refused(_WHY_NOT.get(tactic, f"not while its tactic is {tactic.value}")), None
         if changes and row.event is not Event.HOLD:
             self._abort = None  # the operator has decided what comes after the hover
+        self.stays = True
         # Until the vehicle follows setpoints it has not begun what its tactic is; only landing needs none.
         waits = not circumstances.follows and row.event is not Event.LAND and (changes or tactic is not Tactic.STANDBY)
         did = row.did if changes or waits else row.already[tactic]

@@ -6,7 +6,7 @@ returns. The same object therefore flies over MAVLink, in the simulation, and ag
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from math import hypot, inf
+from math import dist, hypot, inf
 from typing import Any
 
 from mypy_extensions import mypyc_attr
@@ -14,6 +14,7 @@ from mypy_extensions import mypyc_attr
 from agents.broadcast import StateBroadcast, command_answer, received_sighting
 from agents.command_handler import AHEAD_MAX_S, Circumstances, CommandHandler, Reshaping
 from agents.control.aims import shifted
+from agents.control.journey import Journey
 from agents.control.lmpc import QpStatus
 from agents.control.plan import Plan, PlannerFactory
 from agents.control.planner import planner_of
@@ -37,7 +38,16 @@ from agents.inputs import (
     TacticEvent,
     TimeScale,
 )
-from agents.notes import Notes, ReferenceChange, ResumeRefusal, Revocation, RingCommanded, ShapeChange, TacticChange
+from agents.notes import (
+    CommandOutcome,
+    Notes,
+    ReferenceChange,
+    ResumeRefusal,
+    Revocation,
+    RingCommanded,
+    ShapeChange,
+    TacticChange,
+)
 from agents.outputs import CoreStatus, LandingCause, Outgoing, TickOutput
 from agents.ports import Connection, FlightMode, ModeSource, Reference, Setpoint
 from agents.ring.chooser import RingChooser, Wanted
@@ -45,6 +55,7 @@ from agents.ring.commanded_rings import CommandedRings
 from agents.safety.failsafe import POSITION_ALERTS, override
 from agents.safety.failsafe_monitor import FailsafeMonitor
 from agents.safety.fault_detector import FaultDetector, Faults
+from agents.safety.fence import Area
 from agents.safety.guard import Guard, Guarded, GuardStatus, Interventions
 from agents.safety.neighbours import NEAR_FOR_S, Neighbours
 from agents.safety.traffic import KnownTraffic
@@ -67,6 +78,7 @@ from agents.team.messages import (
     NextChange,
     OperatorCommand,
     Outlook,
+    Place,
 )
 from agents.team.team import Team
 from estimation.state import POSITION, Sighting, TargetEstimate, Telemetry, Vector
@@ -77,7 +89,11 @@ _CHOOSES = (Tactic.STANDBY, Tactic.FORMATION, Tactic.ENCIRCLE, Tactic.TRANSIT)
 _LEAVES = (Tactic.RETURN_AND_LAND, Tactic.LAND, Tactic.PILOT_OVERRIDE)
 """Those in which others may have its place; in the rest, such as hold, it keeps its bids."""
 _COMES_DOWN = {Tactic.RETURN_AND_LAND.value, Tactic.LAND.value}
-_GOES_ON = ("start", "resume", "formation", "ring", "assign")
+_KEEPS_ITS_PLACE = ("hold", "aside", "land", "return and land", "pilot override")
+"""The tactics of peers where no other vehicle is sent."""
+_GO_MAX_M = 1000.0
+"""A vehicle is sent no farther: a longer way is likely a slip."""
+_GOES_ON = ("start", "resume", "formation", "ring", "assign", "goto")
 """With any other verb an operator takes the decision to resume."""
 
 
@@ -237,12 +253,31 @@ class VehicleCore:
         if event is not None:
             because = f"{self.alert} is over" if event is Event.RESUME else ""
             self._change(event, because, cause=LandingCause(self.alert))
+        self._follow_journey(situation)
         self._follow_mission(situation)
         if self._is_adopted:
             self._is_adopted, self._layer_m = False, situation.height_m
             self._altitude.begin_at(situation.height_m)
         self._layer_m = self._chosen_layer_m(situation)
         return Task(self._tactic, situation, self._layer_m, self._team.members())
+
+    def _follow_journey(self, situation: Situation) -> None:
+        """End the way to a place: there, when a failsafe stops the vehicle, or when it takes too long."""
+        journey = self._planner.journey
+        if journey is None:
+            return
+        if self._failsafe.stops:
+            self._end_journey(journey, f"stops on its way: {self.alert}")
+        elif journey.has_arrived(situation):
+            self._end_journey(journey, f"has arrived, and {'lands' if journey.place.lands else 'holds'}", arrived=True)
+            if journey.place.lands:
+                self._change(Event.LAND, cause=LandingCause(verb="goto", origin=journey.origin))
+        elif journey.is_late(situation.now_s):
+            self._end_journey(journey, "does not get there: holds where it is")
+
+    def _end_journey(self, journey: Journey, did: str, *, arrived: bool = False) -> None:
+        self._planner.stay(journey.goal_m if arrived else None)
+        self._notes.add(self._now_s, CommandOutcome("goto", journey.origin, did, is_refused=not arrived))
 
     def _plan(self, task: Task) -> Plan:
         """Plan the aim of the tactic, within the slew limit."""
@@ -634,9 +669,12 @@ class VehicleCore:
             newer = ring.is_newer_than(command.ring, command.time_s)
             refused = "a newer command of the ring applies" if newer else self._ring_refusal(number, ring)
             circumstances = circumstances._replace(ring_refused=refused)
+        if command.place is not None:
+            circumstances = circumstances._replace(place_refused=self._place_refusal(command.place))
         if (event := self.commands.take(command, self._tactic, now_s, circumstances)) is not None:
             self._change(event, cause=LandingCause(verb=command.verb, origin=command.origin))
         self._is_cut_in_air = self.commands.kills and (self._is_cut_in_air or self._vehicle.status.in_air)
+        self._go_where_sent()
         self._follow_commands()
 
     def _follow_commands(self) -> None:
@@ -647,6 +685,38 @@ class VehicleCore:
             self._change_ring(number, ring)
         if self._chooser is not None:
             self._chooser.assigned = self.commands.assigned
+
+    def _go_where_sent(self) -> None:
+        """Go to the place of a command, or stay if another command has ended the way to one."""
+        sent, stays = self.commands.sent_to, self.commands.stays
+        self.commands.sent_to, self.commands.stays = None, False
+        if sent is not None and sent.place is not None:
+            self._planner.go(Journey(self._config, sent.place, sent.origin))
+        elif stays and self._planner.journey is not None:
+            self._planner.stay()
+
+    def _place_refusal(self, place: Place) -> str:
+        """Return why the vehicle must not go to a place at its height, empty if it may."""
+        config, here, there_m = self._config, self._estimator.position_m, (place.x_m, place.y_m)
+        if here is None:
+            return "its position is not known"
+        if (way_m := dist(here, there_m)) > _GO_MAX_M:
+            return f"{place.text} is {way_m:.0f} m away, and {_GO_MAX_M:g} m at most are allowed"
+        clearance_m, margin_m = (
+            Area(config.safety).clearance_m(there_m, self._layer_m),
+            config.safety.separation_m / 2.0,
+        )
+        if clearance_m < margin_m:
+            return f"{place.text} is {clearance_m:.1f} m inside fence and zones, at least {margin_m:g} m are needed"
+        for name in config.targets or (config.target,):
+            target_m = self._estimator.targets.position_m(name)
+            if target_m is not None and dist(target_m, there_m) < config.safety.keep_out_m:
+                return f"{place.text} is {dist(target_m, there_m):.1f} m from the target, nearer than safety.keep_out_m"
+        for peer in self._team.members():
+            away_m = dist(peer.position_m, there_m)
+            if peer.tactic in _KEEPS_ITS_PLACE and away_m < config.safety.separation_m:
+                return f"{place.text} is {away_m:.1f} m from vehicle {peer.sender}, nearer than safety.separation_m"
+        return ""
 
     def _circumstances(self, now_s: float) -> Circumstances:
         status = self._vehicle.status

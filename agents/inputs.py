@@ -253,6 +253,7 @@ def _message_text(message: PeerMessage) -> str:
 
 def _command_text(command: OperatorCommand) -> str:
     receiver = "all vehicles" if command.vehicle is None else f"vehicle {command.vehicle}"
-    argument = command.shape or ("" if command.ring is None else command.ring.text)
+    given = command.ring or command.place
+    argument = command.shape or ("" if given is None else given.text)
     verb = f"{command.verb} {argument}".rstrip()
     return f"{command.origin} to {receiver}: {verb} (command {command.number})"

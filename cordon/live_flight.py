@@ -300,6 +300,7 @@ def fly(
     recorded: bool = True,
     allow_plugins: bool = False,
     checklist_done: str = "",
+    weather: str = "",
 ) -> LiveFlight:
     """Return a flight of a mission over MAVLink and Zenoh, for `async with`, as `cordon fly` flies it.
 
@@ -314,6 +315,7 @@ def fly(
     - `allow_plugins`: whether code that the mission names, its planner, may run.
     - `checklist_done`: the name of who has done the mission's checklist, if it has one; else the flight waits for ticks
       on the operator's page.
+    - `weather`: as people see it, for log and report.
 
     Raises InputError with every fault.
 
@@ -346,6 +348,7 @@ def fly(
         wait_s=float(wait_s),
         allow_plugins=allow_plugins,
         checklist_done=checklist_done,
+        weather=weather,
     )
     try:
         request.plan()

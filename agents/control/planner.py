@@ -9,6 +9,7 @@ import numpy as np
 
 from agents.control.aims import mixed, resting
 from agents.control.excitation import Exciter
+from agents.control.journey import Journey
 from agents.control.plan import NO_VALUES, Plan, PlannerError, PlannerFactory, RingReport
 from agents.control.return_and_land import Homing
 from agents.control.ring_flight import RingFlight
@@ -58,6 +59,8 @@ class Planner:
         self._engaged_s = -np.inf
         self._leaving_m: Vector | None = None
         self._hold_m: Vector | None = None
+        self.journey: Journey | None = None
+        """The way to a place that a holding vehicle is on."""
         self._left_ring = False
 
     @property
@@ -82,7 +85,7 @@ class Planner:
 
     def begin(self, tactic: Tactic, *, to_home: bool) -> None:
         """Start a tactic; `to_home` returns home also if the mission lands in place."""
-        self._hold_m = None
+        self._hold_m = self.journey = None
         self._encircles = tactic is Tactic.ENCIRCLE
         if tactic is not Tactic.ENCIRCLE:
             self._crosses = tactic is Tactic.TRANSIT
@@ -117,6 +120,14 @@ class Planner:
         """Whether the transit to another ring is over."""
         return self._transit.arrived
 
+    def go(self, journey: Journey) -> None:
+        """Go to a place, in the tactic hold."""
+        self._hold_m, self.journey = None, journey
+
+    def stay(self, at_m: Pair | None = None) -> None:
+        """End the way to a place, and hold at a place, or where the vehicle is."""
+        self._hold_m, self.journey = None if at_m is None else np.array(at_m), None
+
     def engage(self, now_s: float, leaving_m: Vector | None) -> None:
         """Start the transition to the ring: from the formation, or from a place (2,) off it."""
         self._engaged_s = now_s
@@ -131,7 +142,9 @@ class Planner:
         return self._plans.get(task.tactic, self._rest)(task.situation)
 
     def _rest(self, situation: Situation) -> Plan:
-        """Hold the place."""
+        """Hold the place, or go to another one."""
+        if self.journey is not None:
+            return self.journey.plan(situation)
         return resting(self._held_m(situation))
 
     def _yield(self, situation: Situation) -> Plan:

@@ -123,6 +123,11 @@ class FailsafeMonitor:
         blocking = self._blocking()
         return blocking[0].row.condition.value if blocking else ""
 
+    @property
+    def stops(self) -> bool:
+        """Whether a condition is present that stops the vehicle, also if it holds already."""
+        return any(alert.present and alert.sticky for alert in self._alerts.values())
+
     def waits_for_resume(self, tactic: Tactic) -> bool:
         """Return whether the vehicle stopped by itself, and all conditions of that are over."""
         stopped = [alert.present for alert in self._alerts.values() if alert.sticky]

@@ -122,6 +122,19 @@ class RingValues(msgspec.Struct, frozen=True, array_like=True):
         return ", ".join(form.format(value) for form, value in zip(forms, values, strict=True) if value is not None)
 
 
+class Place(msgspec.Struct, frozen=True, array_like=True):
+    """The place of the verb goto, in the mission frame, and whether the vehicle lands there; otherwise it holds."""
+
+    x_m: _Metres
+    y_m: _Metres
+    lands: bool = False
+
+    @property
+    def text(self) -> str:
+        """The place as text."""
+        return f"x {self.x_m:.1f} m, y {self.y_m:.1f} m"
+
+
 _Dated = tuple[float | None, float]
 
 
@@ -291,10 +304,10 @@ class OperatorCommand(msgspec.Struct, frozen=True, array_like=True, tag="command
     """An operator's command to one vehicle, or to all (None), dated by the team's clock; `origin` is the operator.
 
     It is repeated, with a new date, until it is answered: `origin`, `verb` and `number` identify it. `shape` is the
-    argument of the verb formation, `ring` that of the verb ring, of the ring of number `ring_number` among the
-    mission's, which the verb assign has alone. `times_s` holds the date by each vehicle's own clock
-    that the operator has received: a team's clocks may differ, and what one vehicle tells must not make the command too
-    old for another.
+    argument of the verb formation, `place` that of the verb goto, `ring` that of the verb ring, of the ring of number
+    `ring_number` among the mission's, which the verb assign has alone. `times_s` holds the date by each vehicle's own
+    clock that the operator has received: a team's clocks may differ, and what one vehicle tells must not make the
+    command too old for another.
     """
 
     time_s: TimeS
@@ -306,6 +319,7 @@ class OperatorCommand(msgspec.Struct, frozen=True, array_like=True, tag="command
     times_s: tuple[tuple[VehicleId, TimeS], ...] = ()
     ring: RingValues | None = None
     ring_number: RingNumber | None = None
+    place: Place | None = None
 
     @property
     def key(self) -> "CommandKey":

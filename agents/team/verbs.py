@@ -10,7 +10,7 @@ from typing import Literal
 
 from agents.tactics import Event, Tactic
 
-CommandVerb = Literal["hold", "resume", "land", "rtl", "abort", "kill", "formation", "ring", "assign"]
+CommandVerb = Literal["hold", "resume", "land", "rtl", "abort", "kill", "formation", "ring", "assign", "goto"]
 """The verbs of `cordon command`."""
 Verb = Literal["start", "rejoin", CommandVerb]
 Confirmation = Literal["none", "at once", "pilots", "all", "take-off", "word"]
@@ -31,8 +31,8 @@ class VerbRow:
     change. `done` is a second answer, after `did`, once the effect is confirmed. A verb that `needs_mission` depends on
     the mission file's content, which must be the team's. One that `is_dangerous` has to be granted by name. What a verb
     `takes` is its argument. One that takes a shape or a ring `is_for_team`; "assign" takes the name of a ring, or
-    `auto`, for single vehicles of a mission of several rings. One that `is_for_landed` commands a single vehicle whose
-    flight has ended; the others command those that fly.
+    `auto`, for single vehicles of a mission of several rings; "place" is for single vehicles, too. One that
+    `is_for_landed` commands a single vehicle whose flight has ended; the others command those that fly.
     """
 
     name: Verb
@@ -48,7 +48,7 @@ class VerbRow:
     help: str = ""
     needs_mission: bool = False
     is_dangerous: bool = False
-    takes: Literal["", "shape", "ring", "assign"] = ""
+    takes: Literal["", "shape", "ring", "assign", "place"] = ""
     is_for_landed: bool = False
 
     @property
@@ -77,6 +77,7 @@ AUTO = "auto"
 """Stands for no ring where a vehicle is assigned: it chooses by itself."""
 _ASSIGNS = "send a vehicle to one of several rings, or let it choose (auto)"
 _JOINS, _TAKES_OFF = "take off and rejoin the mission with", "take off again and join the others"
+_GOES = "send a vehicle to a place, where it holds, or lands (land)"
 _CUT, _FALL = "cut the motors of", "cut the motors; the vehicles fall"
 _ROWS = (
     VerbRow("start", "start", did="takes off", needs_mission=True),
@@ -104,6 +105,7 @@ _ROWS = (
     VerbRow("formation", "change formation", help=_RESHAPES, needs_mission=True, takes="shape"),
     VerbRow("ring", "change ring", button=6, help=_RESIZES, needs_mission=True, takes="ring"),
     VerbRow("assign", "assign ring", button=7, help=_ASSIGNS, needs_mission=True, takes="assign"),
+    VerbRow("goto", "go to a place", help=_GOES, needs_mission=True, takes="place"),
 )
 VERBS: Mapping[Verb, VerbRow] = {row.name: row for row in _ROWS}
 """The verbs by their names, in the order of lists."""

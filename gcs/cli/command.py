@@ -41,7 +41,8 @@ def command(
         str,
         Parameter(
             help="formation: the shape; ring: the values to change, with several rings after its name; "
-            "assign: the vehicle, and its ring's name or auto."
+            "assign: the vehicle, and its ring's name or auto; goto: the vehicle, x=METRES y=METRES, and land to land "
+            "there."
         ),
     ],
     options: CommandOptions = _DEFAULTS,

@@ -77,6 +77,9 @@ class FlyOptions:
         ),
     ] = 60.0
     checklist_done: ChecklistDone = None
+    weather: Annotated[
+        str | None, Parameter(help="The weather as you see it, for log and report, such as 'gusts from the west'.")
+    ] = None
     wait_for_start: Annotated[
         bool,
         Parameter(
@@ -212,6 +215,7 @@ def _fly(options: FlyOptions) -> Exit:
         bench=options.bench,
         allow_plugins=options.allow_plugins,
         checklist_done=options.checklist_done or "",
+        weather=options.weather or "",
     )
     live_address = (options.live_address or _LIVE_ADDRESS) if options.live else None
     recording = RecordingOptions(options.log, options.recorded, options.only, live_address, options.live_origin)

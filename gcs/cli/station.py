@@ -4,18 +4,20 @@ import asyncio
 import os
 from collections.abc import Awaitable, Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
 from cyclopts import Parameter
 
-from gcs.cli.options import STATION_ADDRESS, Changes, KeyName, RunningMission, Tiles, bus_mission, only_file
+from gcs.cli.options import STATION_ADDRESS, Changes, KeyName, Tiles, bus_mission, only_file
 from gcs.errors import Exit, InputError
 from gcs.signals import hold_back, relay
 
 if TYPE_CHECKING:
     from gcs.console.vehicle_view import Pair
     from gcs.metrics.ending import LostFlight
+    from gcs.mission.mission import Mission
     from gcs.station.access import Access
     from gcs.station.tiles import MapTiles
     from gcs.viewer.connections import ListeningSocket
@@ -26,7 +28,12 @@ if TYPE_CHECKING:
 class StationOptions:
     """Options of `cordon station`, without a log."""
 
-    mission: RunningMission = "case2"
+    mission: Annotated[
+        tuple[str, ...],
+        Parameter(
+            negative="", help="The mission that the team flies; repeated: the missions of several teams on one page."
+        ),
+    ] = ("case2",)
     changes: Changes = ()
     address: Annotated[
         str, Parameter(help="Address of the page, HOST:PORT. Beyond this computer it needs --tls and --token-file.")
@@ -40,6 +47,12 @@ class StationOptions:
         Parameter(validator=only_file, help="A file with an access token of your own, for pages elsewhere."),
     ] = None
     tiles: Tiles = None
+    edit: Annotated[
+        bool,
+        Parameter(
+            negative="", help="Draw the fence and the no-fly zones of the mission file on the map, before a flight."
+        ),
+    ] = False
     key: KeyName = None
     vehicles: Annotated[
         Literal["flight", "sitl", "hybrid", "bench"] | None,
@@ -64,13 +77,19 @@ def station(
     operator's keys. Ctrl-C ends the page, not the flight.
 
     Example: cordon station --mission case2-field
+
+    Example: cordon station --mission red.toml --mission blue.toml
+
+    Example: cordon station --mission field.toml --edit
     """
     from gcs.station.station_process import flight_pipe
 
     hold_back()
     ending = _Ending(flight_pipe())
     access = _access(options)
-    return _serve_team(access, options, ending) if log is None else _serve_flight(log, access, options, ending)
+    if options.edit:
+        return _serve_editor(access, options, ending)
+    return _serve_teams(access, options, ending) if log is None else _serve_flight(log, access, options, ending)
 
 
 class _Ending:
@@ -105,27 +124,58 @@ def _require_regular(option: str, *paths: Path) -> None:
             raise InputError([f"{option}: {path}: not a regular file"])
 
 
-def _serve_team(access: "Access", options: StationOptions, ending: _Ending) -> Exit:
+def _serve_teams(access: "Access", options: StationOptions, ending: _Ending) -> Exit:
     from gcs.checklist import Checklist
     from gcs.station.broadcast import Broadcast
     from gcs.station.commands import Commands
     from gcs.station.live_team import LiveTeam
     from gcs.station.picture import origin_deg
-    from gcs.station.server import serve_team
+    from gcs.station.server import ServedTeam, serve_teams
 
-    mission = bus_mission(options.mission, options.changes)
-    tiles = _tiles(options.tiles, origin_deg(mission))
-    team = LiveTeam(mission, options.vehicles or "unstated")
+    missions = [bus_mission(name, options.changes) for name in options.mission]
+    names = [each.network.team for each in missions]
+    if len(missions) > 1 and options.changes:
+        raise InputError(["--set: with several missions, change their files"])
+    if twice := [name for i, name in enumerate(names) if name in names[:i]]:
+        raise InputError([f"--mission: two missions are of team {twice[0]}: give each another team in [network]"])
+    tiles = _tiles(options.tiles, origin_deg(missions[0]))
+    teams = [LiveTeam(each, options.vehicles or "unstated") for each in missions]
 
-    def commands(broadcast: Broadcast) -> Commands:
-        return Commands(mission, options.key, broadcast.publish)
+    def served(mission: "Mission", team: LiveTeam) -> ServedTeam:
+        def commands(broadcast: Broadcast) -> Commands:
+            return Commands(mission, options.key, broadcast.publish)
+
+        return ServedTeam(team, commands, Checklist(mission.network.team, mission.checklist))
 
     async def serve(listening: "Sequence[ListeningSocket]", stop: asyncio.Event) -> None:
-        checklist = Checklist(mission.network.team, mission.checklist)
-        lost = lambda: team.has_lost_flight  # noqa: E731
-        await serve_team(team, commands, access, listening, stop, tiles=tiles, outlives=lost, checklist=checklist)
+        shown = [served(*each) for each in zip(missions, teams, strict=True)]
+        await serve_teams(shown, access, listening, stop, tiles=tiles, outlives=lambda: teams[0].has_lost_flight)
 
-    return _serve(serve, access, f"team {mission.network.team}", ending, team.lose)
+    of = "team" if len(names) == 1 else "teams"
+    return _serve(serve, access, f"{of} {', '.join(names)}", ending, teams[0].lose)
+
+
+def _serve_editor(access: "Access", options: StationOptions, ending: _Ending) -> Exit:
+    """Serve the page as an editor of the mission file; raises InputError for one that cannot be edited."""
+    from gcs.mission.file import bundled_missions, mission_path
+    from gcs.station.picture import origin_deg
+    from gcs.station.plan_editor import PlanEditor
+
+    if options.changes:
+        raise InputError(["--edit: the file is edited, without --set"])
+    if len(options.mission) > 1:
+        raise InputError(["--edit: it edits one mission"])
+    (name,) = options.mission
+    if name in bundled_missions():
+        raise InputError([f"--edit: {name} is bundled with cordon: edit a file, such as one of `cordon new`"])
+    path = mission_path(name)
+    tiles = None
+    editor = PlanEditor(path)
+    if options.tiles is not None:
+        tiles = _tiles(options.tiles, origin_deg(editor.mission))
+        editor = PlanEditor(path, tiles)
+    serve_pages = partial(editor.serve, access)
+    return _serve(serve_pages, access, f"editor of {path.name}", ending)
 
 
 def _serve_flight(path: Path, access: "Access", options: StationOptions, ending: _Ending) -> Exit:

@@ -26,6 +26,7 @@ from agents.team.messages import (
     CommandKey,
     MemberState,
     OperatorCommand,
+    Place,
     RingValues,
     StartProposal,
     VehicleReport,
@@ -35,6 +36,7 @@ from agents.team.verbs import VERBS, Verb
 from gcs.console.rings import CommandedRings, commanded_rings, newest_commanded
 from gcs.console.team_bus import guest_bus, send_command
 from gcs.console.team_state import TeamMissions
+from gcs.console.verb_arguments import GivenCommand
 from gcs.errors import InputError
 from gcs.keys.identity import Identity
 from gcs.keys.team_keys import team_keys
@@ -154,7 +156,7 @@ class CommandClient:
         verb: Verb,
         vehicles: Collection[int],
         vehicle: int | None,
-        argument: Shape | RingValues | None = None,
+        argument: Shape | RingValues | Place | None = None,
         on_answer: OnAnswer = lambda _vehicle, _answer: None,
         number: int | None = None,
         ring_faults: RingFaults = lambda _flown: (),
@@ -178,11 +180,8 @@ class CommandClient:
                 await self._until(lambda: self._missions.is_same or self._missions.is_other, _MISSION_TIMEOUT_S)
                 self._missions.refuse_other()
             number = randrange(2**32) if number is None else number
-            ring = argument if isinstance(argument, RingValues) else None
-            shape = None if isinstance(argument, RingValues) else argument
-            command = OperatorCommand(
-                0.0, verb, vehicle, self._identity.participant.name, number, shape, ring=ring, ring_number=ring_number
-            )
+            given = GivenCommand(argument, ring_number, vehicle)
+            command = given.command(0.0, verb, self._identity.participant.name, number)
             sent = self._sent[command.key] = _Sent(monotonic(), on_answer, VERBS[verb].is_for_landed)
             try:
                 await self._repeat(command, sent, vehicles)

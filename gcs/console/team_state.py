@@ -244,6 +244,8 @@ class TeamState:
         ring = ring_text(command.ring_number, self.rings)
         if command.verb == "assign" and self.rings:
             ring = ring or AUTO
+        if command.place is not None:
+            return f"{command.verb} {command.place.text}"
         return f"{command.verb} {ring}" if ring else command.verb
 
     def _row(self, vehicle_id: int, now_s: float, places_m: Mapping[int, Place], *, is_over: bool) -> TeamRow:

@@ -6,7 +6,7 @@ from difflib import get_close_matches
 from math import isfinite, nan
 
 from agents.settings.shapes import SHAPES, Shape
-from agents.team.messages import RingValues
+from agents.team.messages import OperatorCommand, Place, RingValues
 from agents.team.verbs import AUTO, VERBS, Verb
 from gcs.errors import InputError
 from gcs.mission.mission import Mission
@@ -14,18 +14,35 @@ from gcs.mission.mission import Mission
 
 @dataclass(frozen=True, slots=True)
 class GivenCommand:
-    """The arguments of a verb: a shape or the values of a ring, the number of a ring, the only vehicle (None: all)."""
+    """The arguments of a verb: a shape, a place or the values of a ring, the number of a ring, the only vehicle (None:
+    all).
+    """
 
-    argument: Shape | RingValues | None = None
+    argument: Shape | RingValues | Place | None = None
     ring_number: int | None = None
     vehicle: int | None = None
+
+    def command(self, time_s: float, verb: Verb, origin: str, number: int) -> OperatorCommand:
+        """Return the command with these arguments, from an operator at a time, by its number."""
+        given = self.argument
+        return OperatorCommand(
+            time_s,
+            verb,
+            self.vehicle,
+            origin,
+            number,
+            shape=None if isinstance(given, RingValues | Place) else given,
+            ring=given if isinstance(given, RingValues) else None,
+            ring_number=self.ring_number,
+            place=given if isinstance(given, Place) else None,
+        )
 
 
 def given_command(mission: Mission, verb: Verb, arguments: Sequence[str], vehicle: int | None) -> GivenCommand:
     """Return the arguments of a verb and the vehicle of `--vehicle`; raises InputError."""
     takes = VERBS[verb].takes
     if takes and vehicle is not None:
-        whom = "names its vehicle itself" if takes == "assign" else "commands the whole team"
+        whom = "names its vehicle itself" if takes in ("assign", "place") else "commands the whole team"
         raise InputError([f"--vehicle: {verb} {whom}: leave this option out (given: {vehicle})"])
     match takes:
         case "shape":
@@ -35,6 +52,8 @@ def given_command(mission: Mission, verb: Verb, arguments: Sequence[str], vehicl
             return GivenCommand(_ring_values(values, is_only=number is None), number)
         case "assign":
             return _assignment(mission, arguments)
+        case "place":
+            return _journey(mission, arguments)
     if arguments:
         raise InputError([f"{' '.join(arguments)}: {verb} has no argument"])
     return GivenCommand(vehicle=vehicle)
@@ -93,6 +112,21 @@ def _assignment(mission: Mission, given: Sequence[str]) -> GivenCommand:
     if vehicle not in mission.ids:
         raise InputError([f"assign: the mission has no vehicle {vehicle} (it has {', '.join(map(str, mission.ids))})"])
     return GivenCommand(ring_number=None if given[1] == AUTO else _ring_number(mission, given[1]), vehicle=vehicle)
+
+
+def _journey(mission: Mission, given: Sequence[str]) -> GivenCommand:
+    form = f"goto VEHICLE x=METRES y=METRES, and land to land there, as in goto {mission.ids[0]} x=30 y=-5"
+    words = dict(each.partition("=")[::2] for each in given[1:])
+    try:
+        vehicle, lands = int(given[0]), words.pop("land", None) == ""
+        x_m, y_m = float(words.pop("x")), float(words.pop("y"))
+    except (IndexError, KeyError, ValueError):
+        x_m = y_m = nan
+    if not (isfinite(x_m) and isfinite(y_m) and abs(x_m) <= 1e5 and abs(y_m) <= 1e5) or words:
+        raise InputError([f"goto: give {form} (given: {' '.join(given) or 'nothing'})"])
+    if vehicle not in mission.ids:
+        raise InputError([f"goto: the mission has no vehicle {vehicle} (it has {', '.join(map(str, mission.ids))})"])
+    return GivenCommand(Place(x_m, y_m, lands), vehicle=vehicle)
 
 
 def _ring_values(given: Sequence[str], *, is_only: bool) -> RingValues:

@@ -47,6 +47,7 @@ class FlightPlan:
     starts them (`cordon start`). A flight of stubs joins the governed `clock` that they are on, or makes one. `holders`
     are those of the bus's keys when the flight begins. `planner` is the mission's, None for cordon's. A `recovery`
     brings vehicles home that are in the air. Nothing is armed before the required items of a `checklist` are ticked.
+    `weather` is noted in the log.
     """
 
     mission: Mission
@@ -65,6 +66,7 @@ class FlightPlan:
     planner: ChosenPlanner | None = None
     recovery: TeamRecovery | None = None
     checklist: Checklist | None = None
+    weather: str = ""
 
     def __post_init__(self) -> None:
         """Raise InputError for a mission with a planner of its own that was not loaded; the way home is cordon's."""
@@ -125,4 +127,5 @@ class FlightPlan:
             faults=[fault.injected.given for fault in self.faults],
             operator=user_name(),
             planner=self.planner,
+            weather=self.weather,
         )

@@ -4,6 +4,7 @@ from dataclasses import dataclass
 from math import inf
 
 from agents.team.participant import name_from
+from agents.team.text import printable
 from gcs.checklist import Checklist
 from gcs.errors import InputError
 from gcs.flight.faults.schedule import scheduled_faults
@@ -11,6 +12,8 @@ from gcs.flight.plan import FlightPlan
 from gcs.flight.stubs import lockstep_clock
 from gcs.mission.mission import Mission
 from gcs.mission.planner import planner_of
+
+WEATHER_MAX = 200
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -23,7 +26,7 @@ class FlightRequest:
     `wait_s` [wall s] limits the wait for vehicles that are not ready; with `awaits_start` they wait for an operator's
     start. On the `bench`, boards in hardware-in-the-loop simulation fly. The mission's planner is imported only if
     `allow_plugins`. Who has done the mission's checklist may be named by `checklist_done`; else its items are ticked on
-    the operator's page.
+    the operator's page. `weather` is what people note about it.
     """
 
     mission: Mission
@@ -37,6 +40,7 @@ class FlightRequest:
     bench: bool = False
     allow_plugins: bool = False
     checklist_done: str = ""
+    weather: str = ""
 
     def plan(self) -> FlightPlan:
         """Return the plan; raises InputError, whose faults name options of `cordon fly`."""
@@ -64,6 +68,7 @@ class FlightRequest:
             clock=clock,
             planner=planner_of(mission, allowed=self.allow_plugins),
             checklist=self._checklist(),
+            weather=printable(self.weather)[:WEATHER_MAX],
         )
 
     def _checklist(self) -> Checklist | None:

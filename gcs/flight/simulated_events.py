@@ -241,16 +241,7 @@ def _operator_commands(mission: Mission, commands: Sequence[Commanded], faults: 
             at = given.ring_number or 0
             faults += [f"events: {event}: {each}" for each in ring_change_faults(mission, ring, flown, at)]
             flown[at] = flown[at].commanded(ring, event.at_s)
-        yield OperatorCommand(
-            event.at_s,
-            verb,
-            given.vehicle,
-            _OPERATOR,
-            number,
-            shape=None if isinstance(given.argument, RingValues) else given.argument,
-            ring=ring,
-            ring_number=given.ring_number,
-        )
+        yield given.command(event.at_s, verb, _OPERATOR, number)
 
 
 def _parsed(text: str) -> tuple[CommandVerb | None, list[str]]:

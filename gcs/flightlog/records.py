@@ -65,7 +65,7 @@ class Run(msgspec.Struct, frozen=True):
     `began_s` is Unix time, `speed` how many times as fast as the wall's the clock of all records runs; `source` is
     simulation, sitl, hybrid, bench or flight. `vehicles` are those of the mission whose cores are recorded here.
     `faults` are those injected into stub vehicles, as `link-cut@120:2`. `operator` began it.
-    `planner` is None where cordon's own planned.
+    `planner` is None where cordon's own planned. `weather` is what people wrote about it.
     """
 
     format: int
@@ -82,6 +82,7 @@ class Run(msgspec.Struct, frozen=True):
     faults: tuple[str, ...] = ()
     operator: str = ""
     planner: PlannerRecord | None = None
+    weather: str = ""
 
 
 class Parameter(msgspec.Struct, frozen=True):

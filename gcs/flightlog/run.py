@@ -35,10 +35,12 @@ def run_of(
     faults: Sequence[str] = (),
     operator: str = "",
     planner: ChosenPlanner | None = None,
+    weather: str = "",
 ) -> Run:
     """Return the record of a run; `began_s` is Unix time, `faults` are those injected into stub vehicles.
 
-    `operator` is the user who begins it, `planner` the planner if it is not cordon's.
+    `operator` is the user who begins it, `planner` the planner if it is not cordon's, `weather` what people wrote about
+    it.
     """
     plants = tuple(PlantText(name, text) for name, text in sorted(mission.profile_texts.items()))
     return Run(
@@ -56,6 +58,7 @@ def run_of(
         faults=tuple(faults),
         operator=operator,
         planner=None if planner is None else PlannerRecord(planner.name, planner.distribution, planner.digest),
+        weather=weather,
     )
 
 

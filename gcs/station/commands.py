@@ -77,7 +77,7 @@ class Commands:
         sights = not self._reports.refusal
         if self._client is None or self._identity is None:
             return OperatorRights(read_only=self._read_only, sights=sights)
-        may = tuple(verb for verb in self._identity.may if VERBS[verb].button)
+        may = tuple(verb for verb in self._identity.may if VERBS[verb].button or verb == "goto")
         return OperatorRights(self._identity.participant.name, may, sights=sights)
 
     @property
@@ -158,6 +158,8 @@ class Commands:
         names, number, takes = ring_names(self._mission), request.ring_number, VERBS[request.verb].takes
         if VERBS[request.verb].is_for_team and request.vehicles is not None:
             yield f"{request.verb} commands the whole team"
+        if takes == "place" and (request.place is None or request.vehicles is None or len(request.vehicles) != 1):
+            yield f"{request.verb} sends one vehicle to a place"
         if takes == "ring" and request.ring is None:
             yield "the request names no value of the ring"
         if takes == "assign" and not names:
@@ -209,7 +211,8 @@ class Commands:
 
         ring, number = request.ring, request.ring_number
         faults = partial(ring_change_faults, self._mission, ring or RingValues(), ring=number or 0)
-        results = await client.command(verb, asked, vehicle, ring, answered, ring_faults=faults, ring_number=number)
+        given = ring or request.place
+        results = await client.command(verb, asked, vehicle, given, answered, ring_faults=faults, ring_number=number)
         for vehicle_id, result in results.items():
             if result is None or not result.is_final:
                 did = NO_ANSWER if result is None else f"{result.did}: not confirmed"

@@ -11,8 +11,8 @@ import msgspec
 from msgspec import UNSET, UnsetType
 
 from agents.ring.commanded_ring import RingBounds
-from agents.settings.sections import EncirclementSettings
-from agents.team.messages import TARGETS_MAX, RingNumber, RingValues
+from agents.settings.sections import CORNERS_MAX, ZONES_MAX, EncirclementSettings
+from agents.team.messages import TARGETS_MAX, Place, RingNumber, RingValues
 from agents.team.verbs import VERBS, Verb, VerbRow
 from estimation.frames import Triple
 from gcs.console.advice import Severity
@@ -21,8 +21,8 @@ from gcs.mission.mission import Mission, MissionVehicle
 from gcs.preflight.mission import commanded_ring_bounds
 from gcs.style import COLOURS
 
-FlightSource = Literal["flight", "sitl", "hybrid", "bench", "simulation", "log", "unstated"]
-"""The kind of the vehicles; "unstated" if it is not known whether real ones fly."""
+FlightSource = Literal["flight", "sitl", "hybrid", "bench", "simulation", "log", "plan", "unstated"]
+"""The kind of the vehicles; "plan" without any, "unstated" if it is not known whether real ones fly."""
 SIGHTING_LASTS_MAX_S = 60.0
 """A page repeats a report of the target for this time at most."""
 
@@ -96,7 +96,8 @@ class MissionPicture(_Picture, frozen=True, tag="mission"):
     `x_bearing_deg` is the bearing of the x axis, clockwise from north. The ring's altitude is that of its lowest
     vehicle, None if it follows the target's; `ring_bounds` are those of the rings that can be commanded. `tiles` is
     None without map tiles. A mission of several rings has them in `rings`, where `ring` and `ring_bounds` are those of
-    the first, and the names of its targets in `targets`; both are missing with one ring.
+    the first, and the names of its targets in `targets`; both are missing with one ring. The page shows `team_count`
+    teams, each with a stream of its own, of which this is `team_number`, from 0.
     """
 
     mission: str
@@ -118,6 +119,8 @@ class MissionPicture(_Picture, frozen=True, tag="mission"):
     targets: tuple[str, ...] | UnsetType = UNSET
     rings: tuple[RingPicture, ...] | UnsetType = UNSET
     zones: tuple[ZonePicture, ...] = ()
+    team_number: int = 0
+    team_count: int = 1
 
 
 class TargetPicture(msgspec.Struct, frozen=True):
@@ -253,7 +256,7 @@ class CommandRequest(msgspec.Struct, frozen=True, tag_field="kind", tag="command
 
     `confirmation` is the word typed for a kill, `overrides_pilot` whether a vehicle may be taken back
     from its pilot, `ring` what the verb ring takes. With several rings `ring_number` is the one that it changes, or
-    that the verb assign sends vehicles to, None to let them choose.
+    that the verb assign sends vehicles to, None to let them choose. `place` is what the verb goto takes.
     """
 
     request: str
@@ -263,6 +266,7 @@ class CommandRequest(msgspec.Struct, frozen=True, tag_field="kind", tag="command
     overrides_pilot: bool = False
     ring: RingValues | None = None
     ring_number: RingNumber | None = None
+    place: Place | None = None
 
 
 class SightingRequest(msgspec.Struct, frozen=True, tag_field="kind", tag="sighting", forbid_unknown_fields=True):
@@ -288,6 +292,31 @@ class TickRequest(msgspec.Struct, frozen=True, tag_field="kind", tag="tick", for
 
     item: Annotated[int, msgspec.Meta(ge=0)]
     ticked: bool
+
+
+class PlanPicture(_Picture, frozen=True, tag="plan"):
+    """The fence and the no-fly zones of a mission file, to be edited on the page; without a fence no corners."""
+
+    file: str
+    fence_m: tuple[Pair, ...]
+    zones: tuple[ZonePicture, ...]
+
+
+class PlanRequest(msgspec.Struct, frozen=True, tag_field="kind", tag="plan", forbid_unknown_fields=True):
+    """A fence and no-fly zones from a page, to be checked, and with `save` to be written into the mission file."""
+
+    request: int
+    fence_m: Annotated[tuple[Pair, ...], msgspec.Meta(max_length=CORNERS_MAX)]
+    zones: Annotated[tuple[ZonePicture, ...], msgspec.Meta(max_length=ZONES_MAX)]
+    save: bool = False
+
+
+class PlanAnswer(_Picture, frozen=True, tag="planned"):
+    """The faults of a mission with the fence and the zones of a request, and whether they were saved."""
+
+    request: int
+    faults: tuple[str, ...]
+    is_saved: bool
 
 
 class RecoveredRequest(msgspec.Struct, frozen=True, tag_field="kind", tag="recovered", forbid_unknown_fields=True):

@@ -10,6 +10,7 @@ import socket
 import time
 from collections.abc import Callable, Sequence
 from contextlib import suppress
+from dataclasses import dataclass
 from pathlib import Path
 
 import msgspec
@@ -119,9 +120,10 @@ class Stream:
                 self._commands.take(request, lambda answer: self._broadcast.answer(reading, answer))
 
 
-def live_app(stream: Stream, tiles: MapTiles | None = None) -> ASGIApp:
-    """Return what pages of a running team receive once they have entered."""
-    return _app([WebSocketRoute("/stream", stream.serve)], tiles)
+def live_app(streams: Sequence[Stream], tiles: MapTiles | None = None) -> ASGIApp:
+    """Return what pages of running teams receive once they have entered."""
+    paths = ("/stream", *(f"/stream/{number}" for number in range(1, len(streams))))
+    return app_of([WebSocketRoute(path, each.serve) for path, each in zip(paths, streams, strict=True)], tiles)
 
 
 def recorded_app(flight: FlightPicture, tiles: MapTiles | None = None) -> ASGIApp:
@@ -133,7 +135,7 @@ def recorded_app(flight: FlightPicture, tiles: MapTiles | None = None) -> ASGIAp
     async def recorded(_request: Request) -> Response:
         return Response(packed, media_type="application/json", headers=headers)
 
-    return _app([Route("/flight.json", recorded), WebSocketRoute("/stream", _hold_open)], tiles)
+    return app_of([Route("/flight.json", recorded), WebSocketRoute("/stream", _hold_open)], tiles)
 
 
 async def _hold_open(page: WebSocket) -> None:
@@ -144,7 +146,8 @@ async def _hold_open(page: WebSocket) -> None:
         pass
 
 
-def _app(data: Sequence[BaseRoute], tiles: MapTiles | None) -> Starlette:
+def app_of(data: Sequence[BaseRoute], tiles: MapTiles | None) -> Starlette:
+    """Return what pages that have entered receive: these routes, and map tiles."""
     return Starlette(routes=[*data, *([] if tiles is None else [_tiles_route(tiles)])])
 
 
@@ -174,6 +177,15 @@ def _with_tiles(mission: MissionPicture, tiles: MapTiles | None) -> MissionPictu
 _NO_CHECKLIST = Checklist("", ())
 
 
+@dataclass(frozen=True, slots=True)
+class ServedTeam:
+    """A team on the page: its pictures, what makes its commands, and its checklist."""
+
+    source: Source
+    commands: Callable[[Broadcast], Commands]
+    checklist: Checklist = _NO_CHECKLIST
+
+
 async def serve_team(
     source: Source,
     commands: Callable[[Broadcast], Commands],
@@ -182,39 +194,59 @@ async def serve_team(
     stop: asyncio.Event,
     page: Path = PAGE,
     tiles: MapTiles | None = None,
-    outlives: Callable[[], bool] = lambda: False,
-    checklist: Checklist = _NO_CHECKLIST,
 ) -> None:
-    """Serve the pages of a running team until `stop`; raises InputError when the source does.
+    """Serve the pages of one running team: see `serve_teams`."""
+    await serve_teams([ServedTeam(source, commands)], access, listening, stop, page, tiles)
 
-    While `outlives()` the flight that started the station is over: the station ends when its pages have been left.
+
+async def serve_teams(
+    teams: Sequence[ServedTeam],
+    access: Access,
+    listening: Sequence[ListeningSocket],
+    stop: asyncio.Event,
+    page: Path = PAGE,
+    tiles: MapTiles | None = None,
+    outlives: Callable[[], bool] = lambda: False,
+) -> None:
+    """Serve the pages of running teams until `stop`; raises InputError when a source does.
+
+    Each team has a stream of its own, with its own operator's keys: `/stream` is the first team's, `/stream/N` another
+    one's. While `outlives()` the flight that started the station is over: it ends when its pages have been left.
     """
-    broadcast = Broadcast()
-    ours = commands(broadcast)
-    board = ChecklistBoard(checklist, lambda: ours.name)
-    stream = Stream(broadcast, ours, source.recover, lambda given: board.tick(given.item, ticked=given.ticked))
-
-    def publish(rights: OperatorRights) -> None:
-        broadcast.publish(_with_tiles(source.mission(rights), tiles))
-
-    serving = asyncio.create_task(serve(live_app(stream, tiles), access, listening, stop, page))
-    running = [
-        asyncio.create_task(source.run(broadcast.publish)),
-        asyncio.create_task(ours.run(publish)),
-        asyncio.create_task(board.run(broadcast.publish)),
-        serving,
-        asyncio.create_task(_left(stream, outlives)),
-    ]
+    beside: list[asyncio.Task[None]] = []
+    streams: list[Stream] = []
+    for number, team in enumerate(teams):
+        stream, tasks = _begun(team, number, len(teams), tiles)
+        streams.append(stream)
+        beside += tasks
+    serving = asyncio.create_task(serve(live_app(streams, tiles), access, listening, stop, page))
+    beside.append(asyncio.create_task(_left(streams[0], outlives)))
     try:
-        done, _ = await asyncio.wait(running, return_when=asyncio.FIRST_COMPLETED)
+        done, _ = await asyncio.wait([*beside, serving], return_when=asyncio.FIRST_COMPLETED)
         for task in done:
             task.result()
     finally:
         stop.set()
-        for task in running:
-            if task is not serving:
-                task.cancel()
-        await asyncio.gather(*running, return_exceptions=True)
+        for task in beside:
+            task.cancel()
+        await asyncio.gather(*beside, serving, return_exceptions=True)
+
+
+def _begun(
+    team: ServedTeam, number: int, count: int, tiles: MapTiles | None
+) -> tuple[Stream, list[asyncio.Task[None]]]:
+    """Return the stream of one of several teams, and what runs for it."""
+    broadcast = Broadcast()
+    commands = team.commands(broadcast)
+    board = ChecklistBoard(team.checklist, lambda: commands.name)
+    stream = Stream(broadcast, commands, team.source.recover, lambda tick: board.tick(tick.item, ticked=tick.ticked))
+
+    def publish(rights: OperatorRights) -> None:
+        mission = _with_tiles(team.source.mission(rights), tiles)
+        broadcast.publish(replace(mission, team_number=number, team_count=count))
+
+    running = (team.source.run(broadcast.publish), commands.run(publish), board.run(broadcast.publish))
+    return stream, [asyncio.create_task(each) for each in running]
 
 
 async def _left(stream: Stream, outlives: Callable[[], bool]) -> None:
@@ -237,7 +269,12 @@ class _PromptSocket(WebSocketsSansIOProtocol):
 
 
 async def serve(
-    app: ASGIApp, access: Access, listening: Sequence[ListeningSocket], stop: asyncio.Event, page: Path = PAGE
+    app: ASGIApp,
+    access: Access,
+    listening: Sequence[ListeningSocket],
+    stop: asyncio.Event,
+    page: Path = PAGE,
+    request_max_bytes: int = REQUEST_MAX_BYTES,
 ) -> None:
     """Serve the files of the page, and an application to pages that have entered, until `stop` disconnects them."""
     certificate, key = access.tls or (None, None)
@@ -249,7 +286,7 @@ async def serve(
         server_header=False,
         proxy_headers=False,
         ws=_PromptSocket,
-        ws_max_size=REQUEST_MAX_BYTES,
+        ws_max_size=request_max_bytes,
         ws_ping_interval=_PING_PERIOD_S,
         ws_ping_timeout=_DEAD_AFTER_S,
         ssl_certfile=certificate,

@@ -166,6 +166,35 @@ def test_the_keyboard_alone_reports_and_measures(shown: Map) -> None:
     expect(page.locator("#measured")).to_be_hidden()
 
 
+def test_a_vehicle_is_sent_to_a_place(shown: Map, subtests: pytest.Subtests) -> None:
+    page = shown.page
+    for choice, lands, selected, vehicle in (("Hold there", False, None, 1), ("Land there", True, 3, 3)):
+        with subtests.test(choice):
+            if selected:
+                page.get_by_label(f"Select vehicle {selected}").check()
+            page.mouse.click(*shown.pixel(51.0, -3.0), button="right")  # vehicle 1 is the nearest
+            item(page, choice).click()
+            dialog = page.get_by_role("dialog")
+            expect(page.get_by_label("Vehicle", exact=True)).to_have_value(str(vehicle))
+            assert findings(page) == []
+            assert not shown.station.requests  # before it is confirmed
+            dialog.get_by_role("button", name=choice).click()
+            until_now(lambda: bool(shown.station.requests))
+            request = shown.station.requests.pop()
+            assert (request.verb, request.vehicles) == ("goto", (vehicle,))
+            assert request.place is not None
+            assert request.place.lands is lands
+            assert hypot(request.place.x_m - 51.0, request.place.y_m + 3.0) < NEAR_M
+            expect(page.locator("#answers > li").first).to_contain_text(f"vehicle {vehicle}")
+    with subtests.test("without the right"):
+        shown.station.send(ring_mission(may=("hold",)))
+        shown.station.await_pictures(page)
+        page.mouse.click(*shown.pixel(51.0, -3.0), button="right")
+        expect(item(page, "Hold there")).to_be_disabled()
+        page.keyboard.press("h")
+        until_now(lambda: [each.verb for each in shown.station.requests] == ["hold"])
+
+
 def test_two_clicks_measure_and_copy_nothing(shown: Map, subtests: pytest.Subtests) -> None:
     page = shown.page
     with subtests.test("with an origin"):
@@ -204,13 +233,13 @@ def test_no_fly_zones_are_drawn_with_their_heights(open_page: OpenPage) -> None:
             box: Any = name.bounding_box()
             x, y = shown.pixel(*middle)
             assert hypot(box["x"] + box["width"] / 2.0 - x, box["y"] + box["height"] / 2.0 - y) < 4.0
-        inside, outside = (colour(shown, *at) for at in ((22.0, 2.0), (22.0, -3.0)))
+        inside, outside = (colour(shown, *at) for at in ((21.0, 9.0), (18.0, 9.0)))
         assert inside != outside
         shown.page.locator("#layers summary").click()
-        shown.page.get_by_label("No-fly zones").uncheck()
+        shown.page.get_by_role("checkbox", name="No-fly zones").uncheck()
         shown.page.locator("#layers summary").click()
         shown.page.wait_for_timeout(500)
-        assert colour(shown, 22.0, 2.0) == outside
+        assert colour(shown, 21.0, 9.0) == outside
         expect(names.first).to_be_hidden()
 
 
@@ -233,8 +262,8 @@ def test_the_menu_offers_what_the_page_can_send(open_page: OpenPage, subtests: p
             page.get_by_label("Target", exact=True).select_option("buoy")
             page.get_by_role("button", name="Report the target").click()
             assert shown.report().target == 1
-        with subtests.test("without a sensor's keys"):
-            station.send(rings_mission())
+        with subtests.test("without keys"):
+            station.send(replace(rings_mission(), operator=OperatorRights()))
             station.await_pictures(page)
             page.mouse.click(*at, button="right")
             expect(item(page, "The target is here")).to_be_disabled()

@@ -383,7 +383,7 @@ def _websocket(_: Path) -> Target:
         broadcast = Broadcast()
         commands = Commands(mission, None, lambda _: None)
         stream = Stream(broadcast, commands)
-        gate = AccessGate(live_app(stream), live_app(stream), access, ConnectionLimits())
+        gate = AccessGate(live_app([stream]), live_app([stream]), access, ConnectionLimits())
         text, proof, is_closed = "", "", False
         end: Message = {"type": "websocket.disconnect", "code": 1000}
         left: Iterator[Message] = iter([{"type": "websocket.connect"}, *map(_sent, lines)])

@@ -165,7 +165,7 @@ async def test_a_flight_arms_nothing_until_the_page_has_ticked_the_checklist(
 ) -> None:
     address, log = f"{LOOPBACK}:{free_port()}", tmp_path / "flight.mcap"
     path = mission_file("case2", LOW, CHECKLIST)
-    flight = ("fly", path, "--sitl", "--speed", "max", "--duration", "5", "--log", str(log))
+    flight = ("fly", path, "--sitl", "--speed", "max", "--duration", "5", "--log", str(log), "--weather", "gusts")
     with cordon(*flight, "--station", "--station-address", address) as process:
         assert process.stderr is not None
         port, secret = entered(process.stderr.readline())
@@ -190,6 +190,7 @@ async def test_a_flight_arms_nothing_until_the_page_has_ticked_the_checklist(
     assert tick.did.startswith("Propellers tight (")
     assert abs(datetime.fromisoformat(tick.did.partition("(")[2].rstrip(")")).timestamp() - ticked_s) < PATIENCE_S
     assert by in audit_line(tick)
+    assert read_log(log).run.weather == "gusts"
 
 
 async def test_the_page_outlives_a_flight_whose_process_is_killed_and_says_what_controls_the_vehicles(

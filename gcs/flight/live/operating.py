@@ -18,7 +18,6 @@ from typing import Self
 from agents.flight_end import FlightEnd
 from agents.outputs import CoreStatus
 from agents.shell.outcome import Outcome
-from agents.team.messages import OperatorCommand, RingValues
 from agents.team.verbs import VERBS
 from gcs.console.command_client import CommandResult
 from gcs.console.rings import flown_ring, newest_commanded, ring_names
@@ -120,16 +119,7 @@ class ProgramLink:
         """Command the vehicles, and send their answers once each has answered or its time is over."""
         given, row = asked.given, VERBS[asked.verb]
         flying = [each for each in team.members if given.vehicle in (None, each.vehicle.id) and not each.ending]
-        command = OperatorCommand(
-            team.clock.now_s(),
-            asked.verb,
-            given.vehicle,
-            user_name(),
-            randrange(2**32),
-            None if isinstance(given.argument, RingValues) else given.argument,
-            ring=given.argument if isinstance(given.argument, RingValues) else None,
-            ring_number=given.ring_number,
-        )
+        command = given.command(team.clock.now_s(), asked.verb, user_name(), randrange(2**32))
         began_s = monotonic()
         asked_ids = [each.vehicle.id for each in flying] if given.vehicle is None else [given.vehicle]
         answers: dict[int, CommandResult | None] = dict.fromkeys(asked_ids)

@@ -117,6 +117,7 @@ def _facts(logs: Sequence[FlightLog], mission: Mission, vehicles: Sequence["_Veh
         "place": _place(mission),
         "operators": _operators(logs, vehicles),
         "wind": _wind(vehicles),
+        "weather": run.weather or "not noted",
         "battery at the end": _battery(vehicles),
         "log": ", ".join(_names(logs)),
         "versions": ", ".join(f"{each.name} {each.version}" for each in run.versions),

@@ -24,18 +24,13 @@ export class Alarms {
 
   start(mission) {
     this.mission = mission.mission;
-    this.alarms.clear();
+    if (mission.team_count === 1) this.alarms.clear(); // with several teams another one may be shown
     this.#show();
   }
 
-  /** Update from a team and from whether the station answers. */
-  update(team, isConnected) {
-    const vehicles = team ? byTrouble(team).filter((vehicle) => trouble(vehicle, team) === "alarm") : [];
-    // Of a flight that is lost as a whole, one alarm says more than one for each vehicle.
-    const present = vehicles.filter((vehicle) => !(team.lost && vehicle.is_unaccounted)).map(ofVehicle);
-    if (team?.lost) present.unshift(ofFlight(team));
-    if (!isConnected) present.push({ key: "station", subject: "station", text: STATION_LOST, advice: "Use the terminal or the transmitter." });
-    if (this.#take(present)) this.#show();
+  /** Update from teams, their names (empty for a single one), and whether the station answers for each. */
+  update(teams) {
+    if (this.#take(teams.flatMap(({ name, team, isConnected }) => named(name, presentOf(team, isConnected))))) this.#show();
   }
 
   /** Remove alarms that are over: a replay may jump in time. */
@@ -110,6 +105,25 @@ export class Alarms {
   }
 }
 
+/** The alarms of one team. */
+function presentOf(team, isConnected) {
+  const vehicles = team ? byTrouble(team).filter((vehicle) => trouble(vehicle, team) === "alarm") : [];
+  // Of a flight that is lost as a whole, one alarm says more than one for each vehicle.
+  const present = vehicles.filter((vehicle) => !(team.lost && vehicle.is_unaccounted)).map(ofVehicle);
+  if (team?.lost) present.unshift(ofFlight(team));
+  if (!isConnected) present.push({ key: "station", subject: "station", text: STATION_LOST, advice: "Use the terminal or the transmitter." });
+  return present;
+}
+
+/** The same alarms as those of a team of this name: vehicles of several teams may have the same number. */
+function named(name, alarms) {
+  if (!name) return alarms;
+  const of = (key) => `${name} ${key}`;
+  return alarms.map((alarm) => ({
+    ...alarm, name, key: of(alarm.key), subject: of(alarm.subject), covers: alarm.covers?.map(of), cause: of(alarm.cause ?? alarm.key),
+  }));
+}
+
 /** New alarms first, then acknowledged ones, then those that are over; of each, what waits for the operator first. */
 const rank = (alarm) => (alarm.isPresent ? Number(alarm.isSeen) : 2) - (alarm.waits ? 0.5 : 0);
 
@@ -117,7 +131,7 @@ function ofVehicle(vehicle) {
   const { vehicle_id, alert, advice, waits_for_resume } = vehicle;
   const key = `${vehicle_id} ${alert}`;
   const cause = vehicle.is_unaccounted ? key : alert; // each one has its own last place
-  return { key, cause, subject: vehicle_id, alert, advice, due: due(vehicle), waits: waits_for_resume };
+  return { key, cause, subject: vehicle_id, id: vehicle_id, alert, advice, due: due(vehicle), waits: waits_for_resume };
 }
 
 /** Alarms in groups, in their order: vehicles with the same alert, as alike seen and over, have one cause, and one row. */
@@ -131,10 +145,11 @@ function grouped(alarms) {
 }
 
 function words(group) {
-  const [{ text, alert }] = group;
-  if (text) return text;
-  const ids = group.map(({ subject }) => subject).toSorted((a, b) => a - b);
-  return `Vehicle${ids.length > 1 ? "s" : ""} ${ids.join(", ")}: ${alert}`;
+  const [{ text, alert, name }] = group;
+  const of = name ? `${name}: ` : "";
+  if (text) return `${of}${text}`;
+  const ids = group.map(({ id }) => id).toSorted((a, b) => a - b);
+  return `${of}Vehicle${ids.length > 1 ? "s" : ""} ${ids.join(", ")}: ${alert}`;
 }
 
 function ofFlight({ lost, vehicles }) {

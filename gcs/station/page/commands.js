@@ -11,6 +11,7 @@ const REQUESTS_MAX = 20;
 const DELIVERED_WITHIN_MS = 1500;
 const PILOT = "pilot override";
 const NOT_SENT = "No connection to the station: press again once it is restored.";
+const GOTO = "goto";
 const HOLD = { verb: "hold", key: "h" };
 
 export class Commands {
@@ -56,7 +57,24 @@ export class Commands {
   choices(point_m, place) {
     if (this.mission.source === "log") return [];
     const why = this.mission.operator.sights ? "" : "no sensor's keys here";
-    return [{ name: "The target is here…", why, act: () => this.#askTarget(point_m, place) }];
+    const target = { name: "The target is here…", why, act: () => this.#askTarget(point_m, place) };
+    const goto = this.mission.verbs.find(({ name }) => name === GOTO && this.mission.operator.may.includes(GOTO));
+    const none = this.#processesEnded || !this.selection.all.length ? "no vehicle flies" : "";
+    const to = ([name, lands]) => ({ name: `${name}…`, why: goto ? none : `may not ${GOTO}`, act: () => this.#askGoto(goto, name, point_m, place, lands) });
+    return [target, ...[["Hold there", false], ["Land there", true]].map(to)];
+  }
+
+  /** Ask which vehicle goes to a place: the selected one, or the nearest. */
+  #askGoto(verb, title, point_m, place, lands) {
+    const { vehicles, all } = this.selection;
+    const away = (id) => {
+      const at = this.team?.vehicles.find((each) => each.vehicle_id === id)?.position_m;
+      return at ? Math.hypot(at[0] - point_m[0], at[1] - point_m[1]) : Infinity;
+    };
+    const [nearest] = vehicles.toSorted((one, other) => away(one) - away(other));
+    this.place.askVehicle(title, place, all, nearest, ({ vehicle }) => {
+      this.#request({ ...verb, label: `${lands ? "land" : "hold"} at ${place}` }, { vehicles: [vehicle], all, isAll: false }, { place: [...point_m, lands] });
+    });
   }
 
   #askTarget(position_m, place) {
@@ -97,9 +115,10 @@ export class Commands {
     this.#showRequest(request);
   }
 
-  /** Requests are not repeated: the outcome of unanswered ones is unknown. */
-  connectionLost() {
+  /** Requests are not repeated: the outcome of unanswered ones to this team is unknown. */
+  connectionLost(team) {
     for (const request of this.requests.values()) {
+      if (request.team !== team) continue;
       request.isLost = true;
       this.#showRequest(request);
     }
@@ -187,6 +206,8 @@ export class Commands {
   /** Show a request, with the vehicles that it is for or null; `unsent` is why it was not sent, empty if it was. */
   #add(verb, target, unsent, id = requestName()) {
     const request = { verb, target, unsent, isLost: false, isDelivered: false, isSlow: false, answers: new Map(), item: element("li", { "data-request": id }) };
+    request.team = this.mission.team_number;
+    request.to = this.mission.team_count > 1 ? ` (${this.mission.mission})` : "";
     request.sentAt = new Date().toLocaleTimeString([], { hour12: false });
     this.requests.set(id, request);
     byId("answers").prepend(request.item);
@@ -211,14 +232,15 @@ export class Commands {
 
   #showRequest(request) {
     const { target } = request;
-    const head = `${request.sentAt} ${title(request.verb)}${target ? `, ${vehicleNames(target.vehicles, target.all)}` : ""}`;
+    const head = `${request.sentAt} ${title(request.verb)}${target ? `, ${vehicleNames(target.vehicles, target.all)}` : ""}${request.to}`;
     const answers = [...request.answers.values()].map(answerRow);
     request.item.replaceChildren(element("strong", {}, head), element("ul", {}, ...answers, ...openRow(request)));
   }
 
   #showTarget() {
     const { vehicles, all, without, isEmpty } = this.selection;
-    setText(byId("target-text"), `To ${vehicleNames(vehicles, all)}${without && ` (${without})`}`);
+    const of = this.mission?.team_count > 1 ? ` of ${this.mission.mission}` : "";
+    setText(byId("target-text"), `To ${vehicleNames(vehicles, all)}${of}${without && ` (${without})`}`);
     setText(byId("hold-all"), `Hold all ${all.length}`);
     byId("hold-all").disabled = all.length === 0 || this.#processesEnded;
     byId("select-all").hidden = isEmpty;

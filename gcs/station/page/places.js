@@ -8,7 +8,7 @@ const COPIED_MS = 1500;
 const frames = new WeakMap();
 
 /** The frame of a mission, made once. */
-function frameOf(mission) {
+export function frameOf(mission) {
   if (!frames.has(mission)) frames.set(mission, new Frame(mission));
   return frames.get(mission);
 }

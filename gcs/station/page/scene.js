@@ -6,10 +6,11 @@ import { labelPlaces } from "./labels.js";
 import { MapMenu } from "./map_menu.js";
 import { namePlace, planMarks, teamMarks, trailMarks, zoneMiddle } from "./marks.js";
 import { Measure } from "./measure.js";
-import { copy, copyOnClick, fullPlaceText, placeText } from "./places.js";
+import { copy, copyOnClick, frameOf, fullPlaceText, placeText } from "./places.js";
 import { Pointing } from "./pointing.js";
 import { flownRing, ringsOf, targetNames, targetsOf } from "./rings.js";
 import { ringSymbol, showTarget, showTraffic, showVehicle, targetSymbol, trafficSymbol, vehicleSymbol, zoneSymbol } from "./symbols.js";
+import { otherSymbol } from "./teams.js";
 import { atMostEvery } from "./throttle.js";
 import { byTrouble, trouble } from "./vehicles.js";
 import { Tiles } from "./tiles.js";
@@ -108,6 +109,42 @@ export class Scene {
     this.zones.forEach(({ marker }, number) => this.#place(marker, zoneMiddle(mission.zones[number])));
   }
 
+  /** The middle of what the map shows, in metres. */
+  get middle() {
+    const { lng, lat } = this.map.getCenter();
+    return this.frame.point_m([lng, lat]);
+  }
+
+  /** The width of what the map shows, in metres. */
+  get width_m() {
+    const [width, height] = this.#size;
+    const [from, to] = [0, width].map((x) => this.#pointOf({ x, y: height / 2 }));
+    return Math.hypot(to[0] - from[0], to[1] - from[1]);
+  }
+
+  /**
+   * Put an element at a place in metres.
+   * @param {?function(number[], boolean)} moved called with the place, and whether that is the end, while it is dragged
+   */
+  handle(root, point_m, moved) {
+    const marker = new maplibre.Marker({ element: root, draggable: Boolean(moved) });
+    marker.setLngLat(this.frame.lonLat(point_m)).addTo(this.map);
+    const place = () => {
+      const { lng, lat } = marker.getLngLat();
+      return this.frame.point_m([lng, lat]);
+    };
+    if (moved) {
+      marker.on("drag", () => moved(place(), false));
+      marker.on("dragend", () => moved(place(), true));
+    }
+    return marker;
+  }
+
+  /** Move such an element. */
+  move(marker, point_m) {
+    marker.setLngLat(this.frame.lonLat(point_m));
+  }
+
   /** Draw a TeamPicture, and the trails from those before it. */
   update(team, past) {
     if (!this.symbols) return;
@@ -119,6 +156,25 @@ export class Scene {
     this.#showTraffic(team.traffic ?? []);
     this.#placeLabels();
     if (this.isFollowing) this.#keepInView(team);
+  }
+
+  /** Show where the vehicles of the station's other teams are. @param {{mission: Object, team: Object}[]} others */
+  showOthers(others) {
+    this.others ??= new Map();
+    const seen = new Set();
+    for (const { mission, team } of this.mission ? others : []) {
+      if (Boolean(mission.origin_deg) !== Boolean(this.mission.origin_deg)) continue; // their places are not related
+      for (const vehicle of team.vehicles.filter((each) => each.position_m)) {
+        const key = `${mission.team_number} ${vehicle.vehicle_id}`;
+        seen.add(key);
+        if (!this.others.has(key)) this.others.set(key, this.#marked(otherSymbol(mission, vehicle.vehicle_id)));
+        const { root, marker } = this.others.get(key);
+        setText(root, `${mission.mission} ${vehicle.vehicle_id}${vehicle.is_stale ? " (stale)" : ""}`);
+        marker.setLngLat(frameOf(mission).lonLat(vehicle.position_m));
+        if (!root.isConnected) marker.addTo(this.map);
+      }
+    }
+    for (const [key, { marker }] of this.others) if (!seen.has(key)) marker.remove();
   }
 
   #showTargets(team) {

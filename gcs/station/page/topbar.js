@@ -9,6 +9,7 @@ const SOURCES = {
   flight: "REAL vehicles",
   sitl: "practice on stubs",
   hybrid: "REAL vehicles and stubs",
+  plan: "editing the mission",
   unstated: "REAL? not stated",
   bench: "BENCH: simulated bodies",
   simulation: "simulation",

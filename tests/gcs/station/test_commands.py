@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from agents.team.messages import CommandedRing
+from agents.team.messages import CommandedRing, Place
 from gcs.console import command_client
 from gcs.mission.file import load_mission
 from tests.support.mission_text import INSECURE
@@ -101,6 +101,8 @@ async def test_what_is_not_confirmed_or_not_known_is_not_sent(
         "a verb that needs more": (asked("7", "formation"), "may not"),
         "a ring without values": (asked("11", "ring"), "no value"),
         "a ring by a number": (asked("17", "ring", ring=[12.0, None], ring_number=1), "one, without a name"),
+        "a place for two": (asked("19", "goto", [1, 2], place=[1.0, 2.0]), "one vehicle"),
+        "a vehicle without a place": (asked("20", "goto", [1]), "to a place"),
         "an assignment": (asked("18", "assign", [1], ring_number=0), "one ring"),
         "a ring of some": (asked("12", "ring", [1], ring=[12.0, None]), "the whole team"),
         "a ring out of sight of the target": (asked("13", "ring", ring=[20.0, None]), "sensor range"),
@@ -122,6 +124,9 @@ async def test_what_is_not_confirmed_or_not_known_is_not_sent(
             await page.send(asked("9", "resume", [2], overrides_pilot=True))
             await page.send(asked("10", "resume", [1, 3]))
             await until(lambda: len(team.numbers("kill")) == 1 and len(team.numbers("resume")) == 3)
+            await page.send(asked("21", "goto", [2], place=[28.0, -4.0, True]))
+            await until(lambda: len(team.numbers("goto")) == 1)
+            assert next(each.place for _, each in team.received if each.verb == "goto") == Place(28.0, -4.0, lands=True)
             await page.send(asked("14", "ring", ring=[12.0, -0.05]))
             await until(lambda: len(team.numbers("ring")) == 1)
         with subtests.test("one value is checked with the ring that was commanded before"):

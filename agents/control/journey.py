@@ -1,0 +1,56 @@
+"""The way of one vehicle to a place that an operator has named; there it holds, or lands.
+
+It flies the shortest way around no-fly zones, at the formation's largest speed at most, in its own height. The guard
+keeps fence, zones and the distance to others, so that it may come to rest before the place. It gives up after a while,
+and holds where it is.
+"""
+
+from math import dist, hypot
+from typing import Final
+
+from agents.control.aims import along
+from agents.control.plan import Plan
+from agents.control.return_and_land import ARRIVED_M, ARRIVED_M_S
+from agents.safety.routes import Way, routes_of
+from agents.settings.config import AgentConfig
+from agents.situation.situation import Situation
+from agents.team.messages import Place
+from estimation.state import POSITION, VELOCITY
+from estimation.vectors import Pair
+
+SPEED_SHARE, EXTRA_S = 0.4, 30.0
+"""A way that takes longer than at this share of the largest speed, and this time, is given up."""
+
+
+class Journey:
+    """One vehicle's way to a place, from its first plan on."""
+
+    def __init__(self, config: AgentConfig, place: Place, origin: str) -> None:
+        """Take the place, and the name of the operator who sends the vehicle there."""
+        self.place: Final = place
+        self.origin: Final = origin
+        self.goal_m: Final[Pair] = (place.x_m, place.y_m)
+        self._speed_m_s = config.formation.speed_max_m_s
+        self._plant = config.plant
+        routes = routes_of(config, self._speed_m_s)
+        self._way = None if routes is None else Way(routes)
+        self._until_s: float | None = None
+
+    def plan(self, situation: Situation) -> Plan:
+        """Return the plan of this tick."""
+        x, y = situation.acting_motion[POSITION].tolist()
+        next_m = self.goal_m if self._way is None else self._way.next_m((x, y), self.goal_m)
+        if self._until_s is None:
+            way_m = max(dist((x, y), self.goal_m), 0.0 if self._way is None else self._way.length_m)
+            self._until_s = situation.now_s + way_m / (SPEED_SHARE * self._speed_m_s) + EXTRA_S
+        return along(situation, next_m, self._plant, self._speed_m_s)
+
+    def has_arrived(self, situation: Situation) -> bool:
+        """Return whether the vehicle is there, and almost at rest."""
+        x, y = situation.own.mean[POSITION].tolist()
+        is_slow = hypot(*situation.own.mean[VELOCITY].tolist()) < ARRIVED_M_S
+        return is_slow and dist((x, y), self.goal_m) < ARRIVED_M
+
+    def is_late(self, now_s: float) -> bool:
+        """Return whether its time is over."""
+        return self._until_s is not None and now_s > self._until_s
