@@ -5,9 +5,9 @@ from math import inf
 
 from gcs.errors import InputError
 from gcs.flight.faults.schedule import scheduled_faults
-from gcs.flight.plan import FlightPlan
+from gcs.flight.plan import FlightPlan, TeamRecovery
 from gcs.flight.stubs import lockstep_clock
-from gcs.mission.mission import Mission
+from gcs.mission.mission import Mission, MissionVehicle
 from gcs.mission.planner import planner_of
 
 
@@ -20,7 +20,7 @@ class FlightRequest:
     stubs, measured otherwise. `duration_s` replaces the mission's. `faults` are texts such as "link-cut@120:2".
     `wait_s` [wall s] limits the wait for vehicles that are not ready; with `awaits_start` they wait for an operator's
     start. On the `bench`, boards in hardware-in-the-loop simulation fly. The mission's planner is imported only if
-    `allow_plugins`.
+    `allow_plugins`. With a `recovery` the vehicles that are in the air are taken, except those `left`.
     """
 
     mission: Mission
@@ -33,6 +33,8 @@ class FlightRequest:
     awaits_start: bool = False
     bench: bool = False
     allow_plugins: bool = False
+    recovery: TeamRecovery | None = None
+    left: tuple[int, ...] = ()
 
     def plan(self) -> FlightPlan:
         """Return the plan; raises InputError, whose faults name options of `cordon fly`."""
@@ -50,7 +52,7 @@ class FlightRequest:
         return FlightPlan(
             mission,
             duration_s,
-            mission.vehicles if self.only is None else (mission.vehicle(self.only),),
+            self._vehicles(),
             self.speed or (1.0 if stubs else None),
             stubs,
             wait_s=self.wait_s,
@@ -59,7 +61,16 @@ class FlightRequest:
             faults=scheduled_faults(self.faults, mission, duration_s, stubs),
             clock=clock,
             planner=planner_of(mission, allowed=self.allow_plugins),
+            recovery=self.recovery,
         )
+
+    def _vehicles(self) -> tuple[MissionVehicle, ...]:
+        if self.only is not None:
+            return (self.mission.vehicle(self.only),)
+        vehicles = tuple(each for each in self.mission.vehicles if each.id not in self.left)
+        if not vehicles:
+            raise InputError(["--leave: no vehicle of the mission is left to take"])
+        return vehicles
 
 
 def require_governed(speed: float | None, *, only_stubs: bool, advice: str) -> None:

@@ -74,12 +74,13 @@ class Tracks:
 
 @dataclass(frozen=True)
 class Swap:
-    """A swap: when the vehicle's battery ran low, when it was down, when it was told to rejoin [s of the clock]."""
+    """A swap: when the battery ran low, the vehicle was down, was told to rejoin, and took off [s of the clock]."""
 
     vehicle: int
     low_s: float
     down_s: float
     rejoined_s: float
+    armed_s: float
 
 
 async def swap(
@@ -109,8 +110,8 @@ async def swap(
     rejoined_s = team.clock.now_s()
     code, said = await told(team, vehicle)
     assert code == 0, said
-    await until(lambda: team.vehicles[vehicle].armed, 30.0, "its take-off", clock=team.clock)
-    return Swap(vehicle, low_s, down_s, rejoined_s)
+    armed_s = await until(lambda: team.vehicles[vehicle].armed, 30.0, "its take-off", clock=team.clock)
+    return Swap(vehicle, low_s, down_s, rejoined_s, armed_s)
 
 
 async def told(team: Team, vehicle: int) -> tuple[int, str]:
