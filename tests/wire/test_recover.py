@@ -290,8 +290,8 @@ async def test_a_team_whose_flight_was_killed_flies_on_with_its_mission(
         result = json.loads(out)
         print(f"MEASURED on: least distance {team.least_m:.2f} m, {result['ring']}")
         assert result["ended"]["how"] == "landed", err.decode()
-        assert result["verdicts"]["c1"]
-        assert result["verdicts"]["c3"]
+        assert result["verdicts"]["C1"]
+        assert result["verdicts"]["C3"]
         assert result["departures"] == []
         assert not team.aloft
         assert team.least_m >= team.mission.safety.separation_m
