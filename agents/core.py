@@ -519,7 +519,7 @@ class VehicleCore:
         self._failsafe.start(item.at_s)
 
     def _take_event(self, item: TacticEvent) -> None:
-        self._is_adopted = self._is_adopted or item.event is Event.ADOPT
+        self._is_adopted = self._is_adopted or item.event in (Event.ADOPT, Event.TAKE_OVER)
         self._ends = self._ends or item.event in (Event.HOLD, Event.ADOPT)
         self._is_over = self._is_over or item.event is Event.END
         self._failsafe.leave_to_operator()
