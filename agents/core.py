@@ -20,6 +20,7 @@ from agents.control.planner import planner_of
 from agents.control.return_and_land import assembled
 from agents.control.transit import FAR_SHARE
 from agents.drops import NO_DROPS, Drops, Reason
+from agents.gimbal import CameraAim
 from agents.inputs import (
     AutopilotStatus,
     Bus,
@@ -46,6 +47,7 @@ from agents.safety.failsafe_monitor import FailsafeMonitor
 from agents.safety.fault_detector import FaultDetector, Faults
 from agents.safety.guard import Guard, Guarded, GuardStatus, Interventions
 from agents.safety.neighbours import NEAR_FOR_S, Neighbours
+from agents.safety.traffic import Traffic
 from agents.setpoint import STAYS, Altitude, FeedForward, SlewLimit, Yaw
 from agents.settings.config import AgentConfig
 from agents.situation.estimator import Estimator
@@ -121,7 +123,8 @@ class VehicleCore:
         self._estimator = Estimator(config)
         self._own_sensors = OwnSensors(config)
         self._chooser = RingChooser(config) if len(config.rings) > 1 else None
-        self._broadcast = StateBroadcast(config, self._team, self._own_sensors, self._chooser)
+        self._traffic = Traffic(config)
+        self._broadcast = StateBroadcast(config, self._team, self._own_sensors, self._chooser, self._traffic)
         self._fault_detector = FaultDetector(config, self._estimator, self._own_sensors, self._team, clocks)
         self._vehicle = self._fault_detector.vehicle
         self._failsafe = FailsafeMonitor(config)
@@ -133,6 +136,7 @@ class VehicleCore:
         self._interventions = Interventions()
         self._feedforward = FeedForward(config.plant, config.safety.speed_max_m_s)
         self._yaw = Yaw(config)
+        self._camera = CameraAim(config)
         self._altitude = Altitude(config)
         self._tactic = Tactic.STANDBY
         self.landing_cause: LandingCause | None = None  # why it lands before its mission's end
@@ -207,6 +211,9 @@ class VehicleCore:
             self._jumps = self._estimator.own.jumps
             self._leave_old_place()
         situation = self._estimator.estimate(now_s, sightings)
+        if situation is not None:
+            self._traffic.update(situation, self._team.members())
+            self._fault_detector.traffic_near = self._traffic.near(situation)
         if situation is not None and self._team.watch_due(now_s):
             self._team.watch(self._neighbours.near(situation, self._team.members()), now_s + NEAR_FOR_S)
             self._broadcast.often = self._neighbours.meets(situation, self._team.near())
@@ -262,10 +269,13 @@ class VehicleCore:
         near = self._team.near()
         exposed = self._neighbours.exposed(situation, near, aim_m) if not (lost or doubtful) else near
         bodies, encircles = self._neighbours.bodies, self._tactic in (Tactic.ENCIRCLE, Tactic.TRANSIT)
-        guarded = self._guard.check(situation, aim_m, bodies(situation, exposed, lost, doubtful, encircles=encircles))
+        traffic = self._traffic.bodies(situation)
+        kept_from = bodies(situation, exposed, lost, doubtful, encircles=encircles)
+        guarded = self._guard.check(situation, aim_m, kept_from, traffic)
         if guarded.aim_m is aim_m or len(exposed) == len(near):
             return guarded
-        return self._guard.check(situation, aim_m, bodies(situation, near, lost, doubtful, encircles=encircles))
+        kept_from = bodies(situation, near, lost, doubtful, encircles=encircles)
+        return self._guard.check(situation, aim_m, kept_from, traffic)
 
     def _send(self, task: Task, plan: Plan, guarded: Guarded) -> TickOutput:
         """Make the setpoint from the guarded aim; record and publish what is sent."""
@@ -421,13 +431,15 @@ class VehicleCore:
             self._failsafe.latch_override(*override(self._vehicle.status))
 
     def _setpoint(self, task: Task, plan: Plan, guarded: Guarded) -> Setpoint:
-        wanted_m, climb_m_s = self._altitude.next(task.tactic, task.layer_m, task.situation.polar)
-        if (altitude_m := self._guard.altitude_m(wanted_m)) != wanted_m:
+        situation = task.situation
+        wanted_m, climb_m_s = self._altitude.next(task.tactic, task.layer_m, situation.polar)
+        if (altitude_m := self._guard.altitude_m(wanted_m, situation.acting_motion, situation.height_m)) != wanted_m:
             climb_m_s = 0.0
-        (x, y), velocity = self._feedforward.split(task.situation, plan, guarded, climb_m_s)
+        (x, y), velocity = self._feedforward.split(situation, plan, guarded, climb_m_s)
         off_x, off_y = self._estimator.offset_m
-        yaw_rad = self._yaw.turn(task.tactic, task.situation)
-        return Setpoint((x + off_x, y + off_y, altitude_m), yaw_rad, velocity)
+        yaw_rad = self._yaw.turn(task.tactic, situation)
+        camera_rad = self._camera.next(situation, self._estimator.link_delay_s, self._altitude.target_m)
+        return Setpoint((x + off_x, y + off_y, altitude_m), yaw_rad, velocity, camera_rad)
 
     # Inputs between ticks
 
@@ -482,6 +494,7 @@ class VehicleCore:
         if self._vehicle.status.armed and item.status.connected and not item.status.armed and item.status.in_air:
             self._fell = self._fell or self._is_high
         self._vehicle.status = item.status
+        self._traffic.receive(item.status.traffic)
         self._follow_reference(item.status.reference)
         self._estimator.follow_link(item.status.round_trip_s)
         self._was_armed = self._was_armed or item.status.armed
@@ -575,6 +588,7 @@ class VehicleCore:
     def _take_state(self, state: MemberState) -> None:
         self._receive_sightings(state)
         self._team.receive(state)
+        self._traffic.hear(state.traffic)
         if state.shape is not None:
             self._reshape(Reshaping(state.shaped_s, state.shape))
         commanded = state.choice.commanded if state.choice is not None else [state.ring] if state.ring else []

@@ -43,6 +43,7 @@ _ARGUMENTS = {
     "fault": "faults",
     "log": "log",
     "allow-plugins": "allow_plugins",
+    "checklist-done": "checklist_done",
     "vehicle": "vehicle",
 }
 """The arguments of `fly`, and of `LiveFlight.command`, by the options of the command line."""
@@ -298,6 +299,7 @@ def fly(
     log: str | Path | None = None,
     recorded: bool = True,
     allow_plugins: bool = False,
+    checklist_done: str = "",
 ) -> LiveFlight:
     """Return a flight of a mission over MAVLink and Zenoh, for `async with`, as `cordon fly` flies it.
 
@@ -310,6 +312,8 @@ def fly(
     - `wait_s`: how long to wait on the ground for vehicles that are not ready [wall s].
     - `log`: a new file; None: one in the folder of logs, unless `recorded` is False.
     - `allow_plugins`: whether code that the mission names, its planner, may run.
+    - `checklist_done`: the name of who has done the mission's checklist, if it has one; else the flight waits for ticks
+      on the operator's page.
 
     Raises InputError with every fault.
 
@@ -341,6 +345,7 @@ def fly(
         faults=texts or (),
         wait_s=float(wait_s),
         allow_plugins=allow_plugins,
+        checklist_done=checklist_done,
     )
     try:
         request.plan()

@@ -4,9 +4,11 @@ import numpy as np
 
 from agents.control.formation import Predecessor
 from agents.control.plan import Plan, RingReport
+from agents.situation.situation import Situation
 from agents.team.messages import MemberState
-from estimation.state import Vector
-from estimation.vectors import clipped
+from estimation.plant.model import Plant
+from estimation.state import POSITION, Vector
+from estimation.vectors import Pair, clipped
 
 
 def shifted(plan: Plan, aim_m: Vector) -> Plan:
@@ -22,6 +24,16 @@ def towards(goal_m: Vector, position_m: Vector, at_most_m: float) -> Vector:
     way = goal_m - position_m
     reached = clipped(way, at_most_m)
     return goal_m if reached is way else position_m + reached
+
+
+def along(situation: Situation, place_m: Pair, plant: Plant, speed_m_s: float, ring: RingReport | None = None) -> Plan:
+    """Return the plan to fly straight to a place, where it comes to rest.
+
+    The aim leads by as much as makes the plant fly at the speed: a1/a0 times it.
+    """
+    lead_m = speed_m_s * min(axis.a1_per_s / axis.a0_per_s2 for axis in (plant.x, plant.y))
+    aim = towards(np.array(place_m), situation.acting_motion[POSITION], lead_m)
+    return Plan(aim - situation.compensation / plant.a0_per_s2, aim, np.zeros(2), ring=ring)
 
 
 def resting(place_m: Vector, ring: RingReport | None = None) -> Plan:

@@ -14,6 +14,7 @@ import numpy as np
 
 from agents.control.lmpc import Bounds, Lmpc, QpStatus
 from agents.control.lmpc_cost import RING_CONSTRAINED, ring_programme
+from agents.ring.bent_ring import RingBend
 from agents.ring.commanded_ring import Orbit
 from agents.ring.detour import Obstacle, bend_m, bent_ring_m
 from agents.ring.place import Neighbours
@@ -79,7 +80,8 @@ class RingTask:
 
     `motion` and `target` are motions (4,), `polar` is the polar state of the vehicle about the target,
     `compensation_m_s2` (2,) the disturbance to compensate. The vehicle keeps clear of its `neighbours`. `orbit` is the
-    ring, `radius_m` the radius to fly at: the ring's, or that of the waiting circle. Both bend around the `obstacles`.
+    ring, `radius_m` the radius to fly at: the ring's, or that of the waiting circle. Both bend around the `obstacles`,
+    and the ring with its reference by `bend` around no-fly zones.
     """
 
     def __init__(
@@ -94,6 +96,7 @@ class RingTask:
         reference: RingPoint,
         authority: float = 1.0,
         obstacles: Sequence[Obstacle] = (),
+        bend: RingBend | None = None,
     ) -> None:
         self.motion: Final = motion
         self.target: Final = target
@@ -105,6 +108,7 @@ class RingTask:
         self.reference: Final = reference
         self.authority: Final = authority
         self.obstacles: Final = obstacles
+        self.bend: Final = bend
 
 
 class EncirclementPlan:
@@ -198,8 +202,14 @@ class EncirclementPlanner:
         reference: Vector = self._reference_gain.dot(np.array(across + along)).reshape(-1, 4)
         if task.obstacles:
             bearings_rad = polar.bearing_rad + self._drift_rad
-            bent_m = bent_ring_m(task.radius_m, bearings_rad, task.obstacles, polar.radius_m)
+            level_m = polar.radius_m if task.bend is None else polar.radius_m - task.bend.at_one(polar.bearing_rad)[0]
+            bent_m = bent_ring_m(task.radius_m, bearings_rad, task.obstacles, level_m)
             reference[:, 0] += bent_m - task.radius_m
+        if task.bend is not None:
+            # Where the reference will be: r = R + b(phi), r' = b'(phi) phi'.
+            off_m, slope_m_rad = task.bend.at(polar.bearing_rad + reference[:, 1] / size_m)
+            reference[:, 0] += off_m
+            reference[:, 2] += slope_m_rad * (reference[:, 3] / size_m)
         return reference
 
     def _bounds(self, polar: Polar, neighbours: Neighbours | None) -> Bounds:
@@ -251,6 +261,9 @@ def damped_motion(task: RingTask) -> Vector:
     Only the share `authority` of the vehicle's deviation from its reference is fed back.
     """
     polar, (radius, bearing) = task.polar, (task.reference.radius, task.reference.bearing)
-    radius_m = radius.value + bend_m(task.radius_m, polar, task.obstacles)
-    on_ring = motion_from_polar(Polar(radius_m, bearing.value, radius.rate, bearing.rate), task.target)
+    radius_m, radial_m_s = radius.value + bend_m(task.radius_m, polar, task.obstacles), radius.rate
+    if task.bend is not None:
+        off_m, slope_m_rad = task.bend.at_one(bearing.value)
+        radius_m, radial_m_s = radius_m + off_m, radial_m_s + slope_m_rad * bearing.rate
+    on_ring = motion_from_polar(Polar(radius_m, bearing.value, radial_m_s, bearing.rate), task.target)
     return np.asarray(on_ring + task.authority * (task.motion - on_ring), dtype=np.float64)

@@ -1,7 +1,8 @@
 """Return and land: separate altitude layers, the landing order, and when vehicles leave the take-off layers.
 
 Returning vehicles first climb to their layers above all vehicles that still fly the mission, so their paths cross at
-different heights only. The lowest lands first; no vehicle descends while one below it is still flying home.
+different heights only. The lowest lands first; no vehicle descends while one below it is still flying home. Where it
+begins, a vehicle chooses the nearest of its places: its start, or a spot at a rally point, where nobody else lands.
 """
 
 from collections.abc import Collection, Iterable
@@ -9,8 +10,9 @@ from math import dist, hypot
 
 import numpy as np
 
-from agents.control.aims import towards
+from agents.control.aims import along
 from agents.control.plan import Plan
+from agents.safety.routes import Way, routes_of
 from agents.settings.config import AgentConfig
 from agents.situation.situation import Situation
 from agents.tactics import Tactic
@@ -41,6 +43,9 @@ class Homing:
         self._began_s: float | None = None
         self._from_m: Vector = np.zeros(2)
         self._rising = True
+        routes = routes_of(config, config.formation.speed_max_m_s)
+        self._way = None if routes is None else Way(routes)
+        self._length_m = 0.0
 
     def change(self, config: AgentConfig) -> None:
         """Return from the heights of another ring from now on."""
@@ -56,17 +61,21 @@ class Homing:
         returns = to_home or self._config.choreography.landing == "return"
         self._home_m = self._config.home_m if returns else None
         self._began_s, self._rising = None, self.returns
+        if self._way is not None:
+            self._way.reset()
 
     def plan(self, situation: Situation) -> Plan:
-        """Climb to the layer in place, then fly home in a straight line; without a home, stay."""
+        """Climb to the layer in place, then fly home by the shortest way; without a home, stay."""
         if self._began_s is None:
             self._began_s, self._from_m = situation.now_s, situation.own.mean[POSITION].copy()
+            if self.returns:
+                self._home_m = self._nearest_m()
+            self._length_m = self._home_length_m()
         risen = abs(situation.height_m - self._config.return_altitude_m) < HEIGHT_TOLERANCE_M
         if risen and situation.now_s - self._began_s > self._config.rising_s:
             self._rising = False
-        goal = self._from_m if self._rising else self._goal
-        aim = towards(goal, situation.acting_motion[POSITION], self._lead_m)
-        return Plan(aim - situation.compensation / self._config.plant.a0_per_s2, aim, np.zeros(2))
+        goal = self._from_m if self._rising else self._next_m(situation)
+        return along(situation, (goal.item(0), goal.item(1)), self._config.plant, self._config.formation.speed_max_m_s)
 
     def may_land(self, situation: Situation, peers: Iterable[MemberState], time_scale: float) -> bool:
         """Return whether the vehicle has arrived and the airspace below is free, or its time limit is over.
@@ -97,21 +106,38 @@ class Homing:
             return False
         return away_m < near_m or (self.returns and peer.tactic == _ON_THE_WAY)
 
+    def _next_m(self, situation: Situation) -> Vector:
+        """Return the goal, or the next place of the way around zones."""
+        if self._way is None:
+            return self._goal
+        (x, y), (home_x, home_y) = situation.acting_motion[POSITION].tolist(), self._goal.tolist()
+        return np.array(self._way.next_m((x, y), (home_x, home_y)))
+
+    def _nearest_m(self) -> tuple[float, float] | None:
+        """Return the landing place with the shortest way from where the return begins; without ways, the nearest."""
+        from_x, from_y = self._from_m.tolist()
+        goals = self._config.landing_places_m
+        way = [] if self._way is None else self._way.routes.way_m((from_x, from_y), goals)
+        return min(goals, key=lambda goal: dist(goal, way[-1] if way else (from_x, from_y)))
+
+    def _home_length_m(self) -> float:
+        """Return the length of the way home from where the return began."""
+        straight_m = hypot(*(self._goal - self._from_m).tolist())
+        if self._way is None or straight_m == 0.0:
+            return straight_m
+        (x, y), (home_x, home_y) = self._from_m.tolist(), self._goal.tolist()
+        self._way.next_m((x, y), (home_x, home_y))
+        return max(straight_m, self._way.length_m)
+
     @property
     def _goal(self) -> Vector:
         return self._from_m if self._home_m is None else np.array(self._home_m)
 
     @property
     def _limit_s(self) -> float:
-        way_s = hypot(*(self._goal - self._from_m).tolist()) / self._config.formation.speed_max_m_s
+        way_s = self._length_m / self._config.formation.speed_max_m_s
         flying_s = self._config.rising_s + 2.0 * way_s if self.returns else RECEIVED_AFTER_S
         return flying_s + (self._number + 1) * LANDING_LONGEST_S
-
-    @property
-    def _lead_m(self) -> float:
-        """The lead of the aim at which the plant flies at the speed limit: a1/a0 times that speed."""
-        axes = (self._config.plant.x, self._config.plant.y)
-        return self._config.formation.speed_max_m_s * min(axis.a1_per_s / axis.a0_per_s2 for axis in axes)
 
 
 def assembled(

@@ -3,9 +3,11 @@
 from collections.abc import Sequence
 from math import copysign, cos, hypot, sin, tau
 
+from agents.control.aims import along
 from agents.control.encirclement import Approach, EncirclementPlanner, RingTask, undisturbed_m
 from agents.control.plan import Plan, RingReport
 from agents.notes import RingChange
+from agents.ring.bent_ring import RingBend, RingBends, waiting_places_m
 from agents.ring.commanded_ring import Orbit
 from agents.ring.detour import Headway, Motion, Obstacle, bend_m, bends, headway, met
 from agents.ring.feasibility import RingFeasibility
@@ -16,6 +18,7 @@ from agents.ring.transition import Mover
 from agents.safety.barriers import demanded_from_m, unsure_m
 from agents.safety.fence import Fence
 from agents.safety.neighbours import Neighbours
+from agents.safety.routes import WAY_SHARE, Way, flown_zones, routes_of
 from agents.settings.config import AgentConfig
 from agents.settings.sections import EncirclementSettings
 from agents.situation.situation import Situation
@@ -70,6 +73,13 @@ class RingFlight:
         self._reference = RingReference(config)
         self._feasibility = RingFeasibility(config)
         self._joining = Joining(config)
+        zones = flown_zones(config)
+        places = float(config.places) if config.rings else even_places(weights_of(config.slots, config.gaps))
+        self._bends = RingBends(zones, config.encirclement, config.safety, places) if zones else None
+        self._bend: RingBend | None = None
+        self._way_speed_m_s = WAY_SHARE * min(config.encirclement.speed_max_m_s, config.safety.speed_max_m_s)
+        routes = routes_of(config, self._way_speed_m_s)
+        self._way = None if routes is None else Way(routes)
 
     @property
     def rate_rad_s(self) -> float:
@@ -90,6 +100,8 @@ class RingFlight:
         self._neighbours.change(config)
         self._reference.change(config)
         self._joining.change(config)
+        if self._bends is not None:
+            self._bends.change(config.encirclement)
 
     def leave_for(self, config: AgentConfig) -> None:
         """Fly another of the mission's rings from now on, once the vehicle is there."""
@@ -108,6 +120,10 @@ class RingFlight:
         """Plan about the centre's motion (4,) at the acting time; `mixing` is the share of this plan in the aim."""
         polar = polar_from_motion(situation.acting_motion, centre)
         orbit, news = self._orbit(situation.now_s, hypot(*centre[VELOCITY].tolist()))
+        if self._bends is not None:
+            self._bend = self._bends.about((centre.item(0), centre.item(1)), situation.now_s)
+            if (way_in := self._way_in(situation, centre, polar, orbit, mixing)) is not None:
+                return way_in
         task, place = self._task(situation, centre, polar, orbit, mixing)
         plan = self._encirclement.plan(task)
         report = RingReport(
@@ -125,6 +141,24 @@ class RingFlight:
             self._reference.reset()
         undisturbed = undisturbed_m(plan.aim_m, situation.compensation, self._plant)
         return Plan(plan.aim_m, undisturbed, situation.acting_motion[VELOCITY], plan.status, ring=report)
+
+    def _way_in(self, situation: Situation, centre: Vector, polar: Polar, orbit: Orbit, mixing: float) -> Plan | None:
+        """Return the plan to fly around zones to the waiting circle; None once the straight way there is free."""
+        bend, way = self._bend, self._way
+        if bend is None or way is None or self._joining.inside:
+            return None
+        off_m, aside_m = bend.at_one(polar.bearing_rad)[0], self._joining.waiting_m - orbit.radius_m
+        if polar.radius_m <= orbit.radius_m + off_m + 2.0 * aside_m:
+            return None
+        (x, y), (centre_x, centre_y) = situation.acting_motion[POSITION].tolist(), centre[POSITION].tolist()
+        share = (orbit.radius_m + off_m + min(aside_m, bend.room_at_m(polar.bearing_rad))) / polar.radius_m
+        entry_m = centre_x + share * (x - centre_x), centre_y + share * (y - centre_y)
+        if way.routes.is_straight((x, y), entry_m):
+            return None
+        self._reference.reset()
+        self._encirclement.reset()
+        next_m = way.next_m((x, y), *waiting_places_m((centre_x, centre_y), orbit.radius_m, aside_m, bend))
+        return along(situation, next_m, self._plant, self._way_speed_m_s, self.report(mixing))
 
     def report(self, mixing: float) -> RingReport:
         """Return the report while there is no target."""
@@ -151,33 +185,42 @@ class RingFlight:
     def _task(
         self, situation: Situation, centre: Vector, polar: Polar, orbit: Orbit, mixing: float
     ) -> tuple[RingTask, RingPlace]:
-        """Return the task, and the vehicle's place among all that are engaged."""
+        """Return the task, and the vehicle's place among all that are engaged.
+
+        Radii of the way in and of the reference are those about the ring as if it were not bent around zones: a vehicle
+        that is as far outside of a bent ring is there (`level`).
+        """
         bearings_rad = self._team.ring.bearings_rad(situation.acting_s)
         weights = weights_of((self._vehicle_id, *bearings_rad), self._gaps)
-        joined = self._joining.look(polar, even_places(weights))
+        level = polar if self._bend is None else _level(polar, self._bend)
+        joined = self._joining.look(level, even_places(weights))
         place = ring_place(polar.bearing_rad, list(bearings_rad.values()) if joined else (), weights)
         obstacles = self._obstacles(situation, centre, polar)
-        movers = self._movers(situation, polar, orbit, joined=joined)
-        radius_m = self._joining.radius_m(polar, place, movers[0].error_rad) if joined else self._joining.waiting_m
-        passes = self._joining.inside and not bends(orbit.radius_m, obstacles, polar.radius_m)
+        movers = self._movers(situation, level, orbit, joined=joined)
+        radius_m = self._joining.radius_m(level, place, movers[0].error_rad) if joined else self._joining.waiting_m
+        passes = self._joining.inside and not bends(orbit.radius_m, obstacles, level.radius_m)
         room = self._headway(situation, centre, polar, orbit, passes=passes)
         rates_rad_s = room.rates_rad_s
         if self._joining.inside:
             # Where the ring is bent outwards it is as far out as one that comes in, and may fly backwards.
             rates_rad_s = _forwards(rates_rad_s, orbit.angular_rate_rad_s)
         else:
-            radius_m = max(radius_m, room.least_m)
-        if radius_m > orbit.radius_m and self._fence is not None:
+            radius_m = max(radius_m, room.least_m + level.radius_m - polar.radius_m)
+        if radius_m > orbit.radius_m and self._bend is not None:
+            ahead_rad = polar.bearing_rad + copysign(_LOOKED_AHEAD_RAD, orbit.angular_rate_rad_s)
+            outside_m = self._bend.room_at_m(polar.bearing_rad, ahead_rad)
+            radius_m = max(orbit.radius_m, min(radius_m, orbit.radius_m + outside_m))
+        elif radius_m > orbit.radius_m and self._fence is not None:
             radius_m = max(orbit.radius_m, min(radius_m, self._fence_m(self._fence, centre, polar, orbit)))
         way = RingWay(
             orbit,
             radius_m,
             # Until it flies the ring's setpoints alone its bearing is the formation's to change.
-            movers if mixing >= 1.0 else (self._joining.mover(0.0, polar.radius_m, orbit),),
+            movers if mixing >= 1.0 else (self._joining.mover(0.0, level.radius_m, orbit),),
             self._joining.acceleration,
             rates_rad_s,
             mixing,
-            bend_m(radius_m, polar, obstacles),
+            bend_m(radius_m, level, obstacles),
             self._guarded,
         )
         task = RingTask(
@@ -192,9 +235,10 @@ class RingFlight:
             ),
             orbit=orbit,
             radius_m=radius_m,
-            reference=self._reference.advance(polar, way, situation.acting_s),
+            reference=self._reference.advance(level, way, situation.acting_s),
             authority=situation.authority,
             obstacles=obstacles,
+            bend=self._bend,
         )
         return task, place
 
@@ -256,8 +300,17 @@ class RingFlight:
             velocity_m_s = body.velocity_m_s if body.vehicle_id in returning else (0.0, 0.0)
             motion = _relative(body.position_m, velocity_m_s, about)
             guarded_m = demanded_from_m(along_m_s, body.distance_m, self._safety.barrier_rate_per_s)
-            found.append(met(polar, self.rate_rad_s, motion, body.distance_m, _BENT_FROM * guarded_m))
+            obstacle = met(polar, self.rate_rad_s, motion, body.distance_m, _BENT_FROM * guarded_m)
+            off_m = 0.0 if self._bend is None else self._bend.at_one(obstacle.bearing_rad)[0]
+            found.append(obstacle.nearer(off_m) if off_m else obstacle)
         return found
+
+
+def _level(polar: Polar, bend: RingBend) -> Polar:
+    """Return a polar state on a ring that is bent around zones as it would be on the circle."""
+    off_m, slope_m_rad = bend.at_one(polar.bearing_rad)
+    radial_m_s = polar.radial_speed_m_s - slope_m_rad * polar.angular_rate_rad_s
+    return Polar(polar.radius_m - off_m, polar.bearing_rad, radial_m_s, polar.angular_rate_rad_s)
 
 
 def _limits(ring: EncirclementSettings) -> dict[str, object]:

@@ -13,6 +13,7 @@ import numpy as np
 from agents.control.aims import extrapolated
 from agents.control.formation import FormationPlanner, Predecessor, mission_line, predecessor_of
 from agents.control.plan import Plan
+from agents.safety.routes import REACHED_M, Way, routes_of
 from agents.settings.config import AgentConfig
 from agents.situation.situation import Situation
 from agents.team.team import Team
@@ -40,6 +41,8 @@ class StationKeeping:
         self._predecessor_id: int | None = None
         self._in_place: set[int] = set()
         self._arrived = False
+        routes = routes_of(config, config.formation.speed_max_m_s)
+        self._way = None if routes is None else Way(routes)
 
     def start(self, at_s: float) -> None:
         """Begin the mission line at `at_s`."""
@@ -60,7 +63,9 @@ class StationKeeping:
         """Plan relative to the predecessor, or to the mission's line."""
         config = self._config
         predecessor_id, offset = None, (0.0, 0.0)
-        if config.formation.station == "predecessor":
+        if (around_m := self._around_m(situation)) is not None:
+            offset, self._arrived = around_m, False
+        elif config.formation.station == "predecessor":
             formed = self._formed()
             offset = self._way_in(situation, formed)
             predecessor_id = self._predecessor(formed) if self._arrived else None
@@ -95,6 +100,18 @@ class StationKeeping:
             return 0.0, 0.0
         others_m = [self._slot_offset_m(each, config.vehicle_id) for each in formed]
         return way_point((off_x, off_y), others_m, config.safety.separation_m)
+
+    def _around_m(self, situation: Situation) -> Pair | None:
+        """Return the next place of the way around zones, relative to the own slot; None where the way is straight."""
+        if self._way is None:
+            return None
+        slot_x, slot_y = self._own_line(situation.acting_s).motion[POSITION].tolist()
+        x, y = situation.acting_motion[POSITION].tolist()
+        is_near = dist((x, y), (slot_x, slot_y)) < REACHED_M
+        if is_near or self._way.routes.is_straight((x, y), (slot_x, slot_y)):
+            return None
+        next_x, next_y = self._way.next_m((x, y), self._way.routes.free_m((slot_x, slot_y)))
+        return next_x - slot_x, next_y - slot_y
 
     def _predecessor(self, formed: Collection[int]) -> int | None:
         config = self._config

@@ -6,12 +6,14 @@ next ring is within reach, that ring's law takes over (`agents/control/ring_flig
 """
 
 from collections.abc import Sequence
-from math import asin, atan2, cos, hypot, pi, sin
+from math import asin, atan2, cos, dist, hypot, pi, sin
 from typing import NamedTuple
 
+from agents.control.aims import along
 from agents.control.encirclement import aim_for_acceleration, undisturbed_m
 from agents.control.plan import Plan
 from agents.ring.joining import ASIDE
+from agents.safety.routes import WAY_SHARE, Way, routes_of
 from agents.settings.config import AgentConfig
 from agents.situation.situation import Situation
 from estimation.frames import wrap_signed_rad
@@ -55,6 +57,8 @@ class Transit:
     def __init__(self, config: AgentConfig) -> None:
         self._config = config
         self._arrived = False
+        routes = routes_of(config, WAY_SHARE * min(config.encirclement.speed_max_m_s, config.safety.speed_max_m_s))
+        self._way = None if routes is None else Way(routes)
 
     @property
     def arrived(self) -> bool:
@@ -74,7 +78,12 @@ class Transit:
         goal_x, goal_y = situation.acting_target[POSITION].tolist()
         direction_rad, is_straight = heading_rad((x, y), (goal_x, goal_y), self._discs(situation))
         away_m, there_m = hypot(goal_x - x, goal_y - y), ring.radius_m + ASIDE * config.safety.separation_m
+        around_m = self._around_m((x, y), (goal_x, goal_y), away_m - there_m)
+        is_straight = is_straight and around_m is None
         self._arrived = away_m < there_m or (is_straight and away_m < FAR_SHARE * ring.radius_far_m)
+        if around_m is not None:
+            way_m_s = WAY_SHARE * min(ring.speed_max_m_s, config.safety.speed_max_m_s)
+            return along(situation, around_m, config.plant, way_m_s)
         speed_m_s = _SPEED_SHARE * min(ring.speed_max_m_s, config.safety.speed_max_m_s)
         missing_m_s = speed_m_s * cos(direction_rad) - x_rate, speed_m_s * sin(direction_rad) - y_rate
         most_m_s2 = _ACCELERATION_SHARE * min(ring.acceleration_max_m_s2, config.safety.acceleration_max_m_s2)
@@ -82,6 +91,14 @@ class Transit:
         motion, compensation = situation.acting_motion, situation.compensation
         aim = aim_for_acceleration(motion, wanted_m_s2, compensation, config.plant)
         return Plan(aim, undisturbed_m(aim, compensation, config.plant), motion[VELOCITY])
+
+    def _around_m(self, here_m: Pair, goal_m: Pair, left_m: float) -> Pair | None:
+        """Return the next place of the way around zones to the ring, None where it is straight."""
+        if self._way is None or left_m <= 0.0:
+            return None
+        share = left_m / max(dist(here_m, goal_m), left_m)
+        entry_m = here_m[0] + share * (goal_m[0] - here_m[0]), here_m[1] + share * (goal_m[1] - here_m[1])
+        return None if self._way.routes.is_straight(here_m, entry_m) else self._way.next_m(here_m, goal_m)
 
     def _discs(self, situation: Situation) -> list[Disc]:
         """Return the rings about other targets that are known, but those that the goal is in."""

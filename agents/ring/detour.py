@@ -92,6 +92,11 @@ class Obstacle:
         width_rad = 2.0 * self._half_rad * max(1.0, bend_m / self.clear_m)
         return min(max(width_rad, self._bent_from_m / max(self.radius_m, self.clear_m)), pi)
 
+    def nearer(self, by_m: float) -> "Obstacle":
+        """Return the obstacle so much nearer to the target."""
+        radius_m = max(self.radius_m - by_m, MARGIN_M)
+        return Obstacle(self.bearing_rad, radius_m, self.clear_m - MARGIN_M, self._bent_from_m)
+
     def leaves_room_to(self, other: "Obstacle") -> bool:
         """Return whether a vehicle can pass between the two."""
         apart_rad = self.bearing_rad - other.bearing_rad

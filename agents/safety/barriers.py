@@ -25,8 +25,9 @@ class Cause(IntEnum):
     SPEED = 0
     KEEP_OUT = 1
     FENCE = 2
-    SEPARATION = 3
-    REACH = 4
+    NO_FLY = 3
+    SEPARATION = 4
+    REACH = 5
 
     @property
     def words(self) -> GuardCause:
@@ -38,6 +39,7 @@ _WORDS: Mapping[Cause, GuardCause] = {
     Cause.SPEED: "speed",
     Cause.KEEP_OUT: "keep out",
     Cause.FENCE: "fence",
+    Cause.NO_FLY: "no-fly zone",
     Cause.SEPARATION: "separation",
     Cause.REACH: "reach",
 }
@@ -108,12 +110,14 @@ def demanded_from_m(speed_m_s: float, distance_m: float, rate_per_s: float) -> f
     return (2.0 * speed_m_s + sqrt(2.0 * speed_m_s**2 + (rate_per_s * distance_m) ** 2)) / rate_per_s
 
 
-def inside(points: Iterable[NearestPoint], velocity_m_s: Pair, margin_m: float, rate_per_s: float) -> Iterator[Demand]:
-    """Demand to stay inside the fence: h = distance - margin for each edge, by its nearest point."""
+def within(
+    points: Iterable[NearestPoint], velocity_m_s: Pair, margin_m: float, rate_per_s: float, cause: Cause
+) -> Iterator[Demand]:
+    """Demand to stay on the free side of a boundary: h = distance - margin for each edge, by its nearest point."""
     for point in points:
         closing_m_s = point.inward[0] * velocity_m_s[0] + point.inward[1] * velocity_m_s[1]
         rest = 2.0 * rate_per_s * closing_m_s + rate_per_s**2 * (point.distance_m - margin_m)
-        yield Demand(Cause.FENCE, point.inward, -rest)
+        yield Demand(cause, point.inward, -rest)
 
 
 def slow(velocity_m_s: Pair, speed_max_m_s: float, rate_per_s: float) -> Iterator[Demand]:

@@ -40,6 +40,7 @@ class Condition(Enum):
     TILTED = "tilt too large"
     WINDY = "wind too strong"
     FENCE_LEFT = "fence left"
+    ZONE_ENTERED = "no-fly zone entered"
     ALTITUDE_LEFT = "altitude limit left"
     TOO_CLOSE = "too close"
     TARGET_STALE = "target stale"
@@ -55,6 +56,8 @@ class Condition(Enum):
     LINK_DEGRADED = "link degraded"
     BATTERY_WARNING = "battery warning"
     STATUS_STALE = "status stale"
+    GIMBAL_FAILED = "gimbal failed"
+    TRAFFIC_NEAR = "traffic near"
     COMPUTER_SHORT = "computer short of memory or disk"
     LEADER_LOST = "leader lost"
     PEER_SILENT = "peer silent"
@@ -342,6 +345,14 @@ TABLE = (
         "fly it back by remote control, or let it land outside",
     ),
     Row(
+        Condition.ZONE_ENTERED,
+        "the vehicle is in a zone of `[[safety.no_fly]]`, at a height of the zone",
+        "failsafe.fence_s",
+        (Reaction.HOLD, Reaction.LAND),
+        RESUME,
+        "fly it out by remote control, or let it land in the zone",
+    ),
+    Row(
         Condition.ALTITUDE_LEFT,
         f"the vehicle is more than {ALTITUDE_TOLERANCE_M:g} m above its `altitude_max_m` or below its `altitude_min_m`",
         "failsafe.fence_s",
@@ -483,6 +494,24 @@ TABLE = (
         BY_ITSELF,
         "land it soon: nothing watches what is not reported",
         reported=lambda status, _: status.stale,
+        explained_by=(Condition.TELEMETRY_STALE,),
+    ),
+    Row(
+        Condition.TRAFFIC_NEAR,
+        "an aircraft outside the team is nearer than `safety.traffic_distance_m`",
+        "",
+        (Reaction.DEGRADE,),
+        BY_ITSELF,
+        "look for it; land the team if it comes nearer",
+    ),
+    Row(
+        Condition.GIMBAL_FAILED,
+        "its camera's gimbal is silent or stuck, or another station controls it",
+        "",
+        (Reaction.DEGRADE,),
+        BY_ITSELF,
+        "fly on without its camera",
+        reported=lambda status, _: status.gimbal_fault,
         explained_by=(Condition.TELEMETRY_STALE,),
     ),
     Row(

@@ -7,7 +7,7 @@ from agents.drops import NO_DROPS
 from agents.notes import ReferenceChange
 from agents.safety.failsafe import Condition
 from agents.safety.failsafe_monitor import COUNTED_SHARE, Symptom
-from agents.safety.fence import Fence
+from agents.safety.fence import Area
 from agents.safety.neighbours import GOING_ON_S
 from agents.safety.vehicle_watch import VehicleWatch
 from agents.settings.config import AgentConfig
@@ -54,7 +54,8 @@ class FaultDetector:
         self.origin_moves = 0
         self._since_s: dict[Condition, float] = {}
         self._compare_s, self._drifted_s = -inf, dict[int, float]()
-        self._fence = Fence(config.safety.fence_m) if config.safety.fence_m else None
+        self._area = Area(config.safety)
+        self._is_bounded = bool(config.safety.fence_m or config.safety.no_fly)
         self.vehicle = VehicleWatch(config, self._own)
         self.late_ticks = 0
         self.bus_alive = True
@@ -64,6 +65,7 @@ class FaultDetector:
         self._flood = _Flood(config.failsafe.flood_per_s)
         self.unsolved = False
         self.computer_short_of = ""
+        self.traffic_near = ""
 
     def detect(self, situation: Situation, tactic: Tactic, active: Container[Condition], time_scale: float) -> Faults:
         """Return the faults of this tick.
@@ -92,8 +94,8 @@ class FaultDetector:
             )
             faults[Condition.PEER_DOUBTFUL] = Symptom(since_s, detail)
         x, y = situation.own.mean.item(0), situation.own.mean.item(1)
-        if self._fence is not None and not self._fence.contains((x, y)):
-            self._add(faults, now_s, Condition.FENCE_LEFT, f"at ({x:.1f}, {y:.1f}) m")
+        if self._is_bounded:
+            self._check_area(faults, now_s, x, y, situation.height_m)
         if tactic in _IN_COMPANY:
             self._check_distances(faults, now_s, x, y, situation.height_m)
         if self._since_s:
@@ -103,6 +105,13 @@ class FaultDetector:
 
     def _add(self, faults: Faults, now_s: float, condition: Condition, detail: str) -> None:
         faults[condition] = Symptom(self._since_s.setdefault(condition, now_s), detail)
+
+    def _check_area(self, faults: Faults, now_s: float, x: float, y: float, height_m: float) -> None:
+        area = self._area
+        if area.fence is not None and not area.fence.contains((x, y)):
+            self._add(faults, now_s, Condition.FENCE_LEFT, f"at ({x:.1f}, {y:.1f}) m")
+        if (zone := area.entered((x, y), height_m)) is not None:
+            self._add(faults, now_s, Condition.ZONE_ENTERED, f"'{zone.name}', at ({x:.1f}, {y:.1f}, {height_m:.1f}) m")
 
     def _check_vehicle(self, faults: Faults, now_s: float) -> None:
         received_s = self._own.received_s
@@ -130,6 +139,8 @@ class FaultDetector:
             self._add(faults, now_s, Condition.LATE_TICKS, "the control loop does not keep its rate")
         if self.computer_short_of:
             self._add(faults, now_s, Condition.COMPUTER_SHORT, self.computer_short_of)
+        if self.traffic_near:
+            self._add(faults, now_s, Condition.TRAFFIC_NEAR, self.traffic_near)
         if not self.bus_alive:
             self._add(faults, now_s, Condition.BUS_LOST, "the Zenoh session is closed")
         if self.operated:

@@ -1,15 +1,20 @@
-"""The geofence: a simple polygon in the mission frame that encloses the vehicles, and the distances to it."""
+"""Boundaries in the mission frame, and the distances to them: the fence, which encloses the vehicles, and no-fly zones.
+
+The free side of a fence is its inside, that of a zone its outside; everything else is the same for both.
+"""
 
 from collections.abc import Sequence
 from math import hypot, inf
 from typing import Final
+
+from agents.settings.sections import NoFlySection, SafetySettings
 
 Corner = tuple[float, float]
 _ON_EDGE_M = 1e-9
 
 
 class NearestPoint:
-    """The point of one edge that is nearest to a place: its distance, and the unit vector from it into the fence.
+    """The point of one edge that is nearest to a place: its distance, and the unit vector from it to the free side.
 
     `end` is -1 or 1 if it is the corner where the edge begins or ends.
     """
@@ -21,48 +26,55 @@ class NearestPoint:
 
 
 class Fence:
-    """A polygon by its corners, in either orientation; edges must not cross each other."""
+    """A polygon by its corners, in either orientation; edges must not cross each other.
 
-    def __init__(self, corners_m: Sequence[Corner]) -> None:
+    One that `encloses` has its inside as its free side, else its outside.
+    """
+
+    def __init__(self, corners_m: Sequence[Corner], encloses: bool = True) -> None:
+        self._encloses = encloses
         self._edges = tuple(zip(corners_m, (*corners_m[1:], corners_m[0]), strict=True))
         doubled_area_m2 = sum(x1 * y2 - x2 * y1 for (x1, y1), (x2, y2) in self._edges)
-        self._left_is_inward = 1.0 if doubled_area_m2 > 0.0 else -1.0
-        # Whether the corner where each edge begins is reflex.
+        self._left_is_inward = 1.0 if (doubled_area_m2 > 0.0) is encloses else -1.0
+        # Whether the corner where each edge begins sticks into the free side.
         self._sticks_in = tuple(
             self._left_is_inward * _side(*before, end) < 0.0
             for before, (_, end) in zip((self._edges[-1], *self._edges[:-1]), self._edges, strict=True)
         )
 
     def contains(self, place_m: Corner) -> bool:
-        """Return whether a place is inside: a ray from it to the right crosses an odd number of edges."""
+        """Return whether a place is on the free side: a ray from an inner one crosses an odd number of edges."""
         x, y = place_m
-        inside = False
+        inside = not self._encloses
         for (x1, y1), (x2, y2) in self._edges:
             if (y1 > y) != (y2 > y) and x < x1 + (y - y1) / (y2 - y1) * (x2 - x1):
                 inside = not inside
         return inside
 
     def clearance_m(self, place_m: Corner) -> float:
-        """Return the distance to the fence, negative outside."""
+        """Return the distance to the boundary, negative beyond it."""
         nearest_m = min(point.distance_m for point in self._points(place_m, 1.0))
         return nearest_m if self.contains(place_m) else -nearest_m
 
     def reach_m(self, place_m: Corner, direction: Corner) -> float:
-        """Return the distance to the fence along a unit direction; infinity from a place outside."""
+        """Return the distance to the boundary along a unit direction; infinity from a place beyond it."""
         if not self.contains(place_m):
             return inf
         return min(_ahead(place_m, direction, start, end) for start, end in self._edges)
 
     def nearest_points(self, place_m: Corner, within_m: float = inf) -> list[NearestPoint]:
-        """Return the nearest point of every edge within a distance; from outside that of the nearest edge alone.
+        """Return the nearest point of every edge within a distance; from beyond that of the nearest edge alone.
 
-        From outside the distance is negative, and only the way back in matters. A vehicle that flies along an edge
-        towards a reflex corner passes it: the edge behind that corner is left out until then.
+        From beyond the distance is negative, and only the way back matters. A vehicle that flies along an edge towards
+        a corner that sticks into the free side passes it: the edge behind that corner is left out until then. So are
+        edges of a zone that face away from the vehicle: it would meet another one first.
         """
         if self.contains(place_m):
             points = self._points(place_m, 1.0)
             return [
-                point for i, point in enumerate(points) if point.distance_m <= within_m and not self._hidden(points, i)
+                point
+                for i, point in enumerate(points)
+                if point.distance_m <= within_m and not self._hidden(points, i) and self._faces(i, place_m)
             ]
         nearest = min(self._points(place_m, -1.0), key=lambda point: point.distance_m)
         return [NearestPoint(-nearest.distance_m, nearest.inward)]
@@ -70,8 +82,12 @@ class Fence:
     def _points(self, place_m: Corner, sense: float) -> list[NearestPoint]:
         return [_nearest(place_m, start, end, sense, self._left_is_inward) for start, end in self._edges]
 
+    def _faces(self, index: int, place_m: Corner) -> bool:
+        """Return whether a place is on the free side of an edge, for a zone; every edge counts of a fence."""
+        return self._encloses or self._left_is_inward * _side(*self._edges[index], place_m) >= 0.0
+
     def _hidden(self, points: list[NearestPoint], index: int) -> bool:
-        """Return whether the nearest point of an edge is a reflex corner, seen along the edge before it."""
+        """Return whether the nearest point of an edge is a corner that sticks out, seen along the edge before it."""
         following = (index + 1) % len(points)
         match points[index].end:
             case -1:
@@ -88,6 +104,81 @@ class Fence:
             for k in range(i + 2, count):
                 if (i, k) != (0, count - 1) and _meet(*self._edges[i], *self._edges[k]):
                     return i, k
+        return None
+
+
+class RoundEdge:
+    """A circle whose outside is free."""
+
+    def __init__(self, center_m: Corner, radius_m: float) -> None:
+        self._center_m = center_m
+        self._radius_m = radius_m
+
+    def contains(self, place_m: Corner) -> bool:
+        """Return whether a place is on the free side."""
+        return self.clearance_m(place_m) >= 0.0
+
+    def clearance_m(self, place_m: Corner) -> float:
+        """Return the distance to the circle, negative inside."""
+        return hypot(place_m[0] - self._center_m[0], place_m[1] - self._center_m[1]) - self._radius_m
+
+    def nearest_points(self, place_m: Corner, within_m: float = inf) -> list[NearestPoint]:
+        """Return the nearest point of the circle if it is within a distance, which is negative inside."""
+        away_x, away_y = place_m[0] - self._center_m[0], place_m[1] - self._center_m[1]
+        away_m = hypot(away_x, away_y)
+        distance_m = away_m - self._radius_m
+        if distance_m > within_m:
+            return []
+        direction = (away_x / away_m, away_y / away_m) if away_m > _ON_EDGE_M else (1.0, 0.0)
+        return [NearestPoint(distance_m, direction)]
+
+
+class NoFlyZone:
+    """A no-fly zone: its name, its boundary, and the heights between which it is closed."""
+
+    def __init__(self, section: NoFlySection) -> None:
+        center_m, radius_m = section.center_m, section.radius_m
+        self.name: Final = section.name
+        self.boundary: Final[Fence | RoundEdge] = (
+            Fence(section.polygon_m, encloses=False)
+            if center_m is None or radius_m is None
+            else RoundEdge(center_m, radius_m)
+        )
+        self.floor_m: Final = -inf if section.floor_m is None else section.floor_m
+        self.ceiling_m: Final = inf if section.ceiling_m is None else section.ceiling_m
+
+    def overlaps(self, low_m: float, high_m: float) -> bool:
+        """Return whether the zone is closed at a height between two."""
+        return self.floor_m <= high_m and self.ceiling_m >= low_m
+
+    def height_m(self, planned_m: float, height_m: float, margin_m: float) -> float:
+        """Return the height nearest to a planned one that a vehicle at `height_m`, above or below the zone, may have.
+
+        At a height of the zone it is the planned one: what keeps it out is the boundary.
+        """
+        if height_m < self.floor_m:
+            return min(planned_m, self.floor_m - margin_m)
+        return max(planned_m, self.ceiling_m + margin_m) if height_m > self.ceiling_m else planned_m
+
+
+class Area:
+    """Where a vehicle may fly: inside its fence, if it has one, and outside of the zones at their heights."""
+
+    def __init__(self, safety: SafetySettings) -> None:
+        self.fence: Final = Fence(safety.fence_m) if safety.fence_m else None
+        self.zones: Final = tuple([NoFlyZone(each) for each in safety.no_fly])
+
+    def clearance_m(self, place_m: Corner, height_m: float) -> float:
+        """Return the distance to the nearest boundary, negative beyond it; infinity if there is none."""
+        fence_m = inf if self.fence is None else self.fence.clearance_m(place_m)
+        closed_m = [each.boundary.clearance_m(place_m) for each in self.zones if each.overlaps(height_m, height_m)]
+        return min(fence_m, *closed_m) if closed_m else fence_m
+
+    def entered(self, place_m: Corner, height_m: float) -> NoFlyZone | None:
+        """Return the zone that a place at a height is in, None if there is none."""
+        for zone in self.zones:
+            if zone.overlaps(height_m, height_m) and not zone.boundary.contains(place_m):
+                return zone
         return None
 
 

@@ -14,8 +14,9 @@ from typing import Final
 import numpy as np
 
 from agents.notes import GuardAction
-from agents.safety.barriers import Body, Cause, Demand, apart, inside, slow, unsure_m
-from agents.safety.fence import Fence
+from agents.safety.barriers import Body, Cause, Demand, apart, slow, unsure_m, within
+from agents.safety.fence import Area, NearestPoint
+from agents.safety.routes import ZONE_MARGIN_M
 from agents.settings.config import AgentConfig
 from agents.situation.situation import Situation
 from agents.tactics import Tactic
@@ -85,6 +86,8 @@ _SIDES = 8
 _ELASTIC_WEIGHT = 100.0
 _EVADE_SHARE = 1.0
 _CHANGED_M = 0.01
+_CLOSED_WITHIN_M = ZONE_MARGIN_M / 2.0
+"""A zone is closed for a vehicle that is less than this above or below it."""
 ROWS_MAX = 32
 """The number of demands in the relaxed problem: those that the planned aim violates most."""
 
@@ -132,26 +135,39 @@ class Guard:
     def __init__(self, config: AgentConfig) -> None:
         self._safety = config.safety
         self._axes = (config.plant.x, config.plant.y)
-        self._fence = Fence(config.safety.fence_m) if config.safety.fence_m else None
+        self._area = Area(config.safety)
         self._qp: _ElasticQp | None = None
 
-    def check(self, situation: Situation, aim_m: Vector, bodies: Sequence[Body]) -> Guarded:
-        """Return the aim nearest to `aim_m` (2,) that meets all demands."""
+    def check(
+        self, situation: Situation, aim_m: Vector, bodies: Sequence[Body], traffic: Sequence[Body] = ()
+    ) -> Guarded:
+        """Return the aim nearest to `aim_m` (2,) that meets all demands: apart from own `bodies` and from `traffic`."""
         position = situation.acting_motion[POSITION]
         x, y = (aim_m - position).tolist()
         lead = (x, y)
         reached = self._reached(lead)
-        rows = self._rows(situation, bodies, reached) if self._safety.guard else []
+        rows = self._rows(situation, bodies, traffic, reached) if self._safety.guard else []
         missed = [row for row in rows if row.plane.missing(reached) > _KEPT_M]
         if missed:
             return self._kept(position, lead, reached, rows, missed)
         return Guarded(aim_m) if reached == lead else self._guarded(position, lead, reached, [], None)
 
-    def altitude_m(self, planned_m: float) -> float:
-        """Return the altitude nearest to `planned_m` within the limits."""
+    def altitude_m(self, planned_m: float, motion: Vector, height_m: float) -> float:
+        """Return the altitude nearest to `planned_m` within the limits, above or below zones at a motion (4,)."""
+        if self._area.zones and self._safety.guard:
+            planned_m = self._passing_m(planned_m, motion, height_m)
         low, high = self._safety.altitude_min_m, self._safety.altitude_max_m
         planned_m = planned_m if high is None else min(planned_m, high)
         return planned_m if low is None else max(planned_m, low)
+
+    def _passing_m(self, planned_m: float, motion: Vector, height_m: float) -> float:
+        """Return the altitude nearest to `planned_m` that leads into no zone from above or below."""
+        x, y, x_rate, y_rate = motion.tolist()
+        near_m = ZONE_MARGIN_M + hypot(x_rate, y_rate) / self._safety.barrier_rate_per_s
+        for zone in self._area.zones:
+            if zone.boundary.clearance_m((x, y)) < near_m:
+                planned_m = zone.height_m(planned_m, height_m, ZONE_MARGIN_M)
+        return planned_m
 
     def _kept(
         self, position: Vector, lead: Pair, reached: Pair, rows: Sequence[_Row], missed: Sequence[_Row]
@@ -191,12 +207,13 @@ class Guard:
         """Limit the lead of the aim: a wrong estimate must not send the vehicle far away."""
         return clipped_pair(lead, self._safety.setpoint_lead_max_m)
 
-    def _rows(self, situation: Situation, bodies: Sequence[Body], lead: Pair) -> list[_Row]:
+    def _rows(self, situation: Situation, bodies: Sequence[Body], traffic: Sequence[Body], lead: Pair) -> list[_Row]:
         """Return the half-planes of the lead; none if this lead meets all demands, which is the usual case."""
         safety = self._safety
         x, y, x_rate, y_rate = situation.acting_motion.tolist()
         place, velocity, rate = (x, y), (x_rate, y_rate), safety.barrier_rate_per_s
         demands = [apart(place, velocity, body, rate, Cause.SEPARATION) for body in bodies]
+        demands += [apart(place, velocity, each, rate, Cause.KEEP_OUT) for each in traffic]
         demands += slow(velocity, safety.speed_max_m_s, rate)
         if safety.keep_out_m > 0.0:
             own = situation.acting_target
@@ -205,23 +222,33 @@ class Guard:
                 disc = Body((tx, ty), (tx_rate, ty_rate), (0.0, 0.0), safety.keep_out_m, shares=False)
                 demands.append(apart(place, velocity, disc, rate, Cause.KEEP_OUT))
         bounds: list[_Row] = []
-        if self._fence is not None:
+        if self._area.fence is not None or self._area.zones:
             margin_m = unsure_m(safety.uncertainty_sigmas, situation.position_sigma_m, 0.0)
             within_m = safety.setpoint_lead_max_m + margin_m
-            points = self._fence.nearest_points(place, within_m + safety.speed_max_m_s)
-            demands += inside(points, velocity, margin_m, rate)
-            # The aim stays inside as well: a vehicle whose agent stops sending flies to it and stops.
-            bounds = [
-                _Row(HalfPlane(point.inward, margin_m - point.distance_m), Cause.FENCE)
-                for point in points
-                if point.distance_m <= within_m
-            ]
+            for points, cause in self._nearest(place, situation.height_m, within_m + safety.speed_max_m_s):
+                demands += within(points, velocity, margin_m, rate, cause)
+                # The aim stays there as well: a vehicle whose agent stops sending flies to it and stops.
+                bounds += [
+                    _Row(HalfPlane(point.inward, margin_m - point.distance_m), cause)
+                    for point in points
+                    if point.distance_m <= within_m
+                ]
         w_x, w_y = situation.disturbance.tolist()
         drift = w_x - self._axes[0].a1_per_s * x_rate, w_y - self._axes[1].a1_per_s * y_rate
         answer = self._axes[0].a0_per_s2 * lead[0] + drift[0], self._axes[1].a0_per_s2 * lead[1] + drift[1]
         if not bounds and all(demand.met_by(answer) for demand in demands):
             return []
         return [self._row(demand, drift) for demand in demands] + bounds
+
+    def _nearest(self, place: Pair, height_m: float, within_m: float) -> list[tuple[list[NearestPoint], Cause]]:
+        """Return the nearest points of the fence, and of each zone that is closed about a height."""
+        area, found = self._area, list[tuple[list[NearestPoint], Cause]]()
+        if area.fence is not None:
+            found.append((area.fence.nearest_points(place, within_m), Cause.FENCE))
+        for zone in area.zones:
+            if zone.overlaps(height_m - _CLOSED_WITHIN_M, height_m + _CLOSED_WITHIN_M):
+                found.append((zone.boundary.nearest_points(place, within_m), Cause.NO_FLY))
+        return found
 
     def _row(self, demand: Demand, drift: Pair) -> _Row:
         """Return the half-plane of the lead for a demanded acceleration, with `a = a0 u + drift`."""
@@ -312,7 +339,7 @@ BENT_M, BENT_FOR_S, STRAIGHT_AFTER_S = 0.5, 3.0, 1.0
 """An aim is bent if it is moved by so much; on the way it is shown after so long, and until so long after the end."""
 _ON_THE_WAY = (Tactic.FORMATION, Tactic.ENCIRCLE, Tactic.TRANSIT, Tactic.EXCITE, Tactic.RETURN_AND_LAND)
 """In these tactics vehicles pass each other: a short evasion belongs to them."""
-_EVASIONS = (Cause.SEPARATION, Cause.FENCE, Cause.KEEP_OUT)
+_EVASIONS = (Cause.SEPARATION, Cause.FENCE, Cause.NO_FLY, Cause.KEEP_OUT)
 """What leads a vehicle elsewhere than planned; the other causes only slow it down."""
 
 

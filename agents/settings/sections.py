@@ -1,9 +1,9 @@
 """The sections of a mission file that configure an agent, each with its tuning."""
 
 from math import radians, tan
-from typing import Annotated, Literal
+from typing import Annotated, Literal, Self
 
-from pydantic import BeforeValidator, Field
+from pydantic import BeforeValidator, Field, model_validator
 
 from agents.settings.shapes import Shape
 from agents.settings.tuning import SETPOINTS_FASTER, EncirclementTuning, FailsafeTuning, FormationTuning, SafetyTuning
@@ -11,7 +11,11 @@ from estimation.settings import Settings
 from estimation.vectors import Pair
 
 CORNERS_MAX = 256
-"""Maximum of a fence: the guard evaluates every edge in every tick."""
+"""Maximum of a fence or a zone: the guard evaluates every edge in every tick."""
+ZONES_MAX = 32
+"""Maximum number of no-fly zones."""
+RALLY_MAX = 8
+"""Maximum number of rally points."""
 
 
 def pair(value: object) -> object:
@@ -23,6 +27,9 @@ def pairs(value: object) -> object:
     """Return a list of lists as a tuple of tuples."""
     return tuple(map(pair, value)) if isinstance(value, list) else value
 
+
+NAME_PATTERN = r"^[A-Za-z0-9_-]*$"
+"""Letters of the names of targets, rings and zones."""
 
 Fence = Annotated[tuple[tuple[float, float], ...], Field(max_length=CORNERS_MAX), BeforeValidator(pairs)]
 
@@ -132,6 +139,50 @@ class DecisionSettings(Settings):
     distance_max_m: float = Field(12.0, gt=0.0, le=10000.0, description="largest distance of the target")
 
 
+_Height = Annotated[float, Field(ge=-500.0, le=9000.0)]
+_Metre = Annotated[float, Field(ge=-1e5, le=1e5)]
+
+
+class NoFlySection(Settings):
+    """`[[safety.no_fly]]`: a zone in which no vehicle flies, a polygon or a circle (docs/safety.md). Edges of a polygon
+    do not cross each other.
+    """
+
+    name: str = Field(min_length=1, max_length=24, pattern=NAME_PATTERN, description="name of the zone")
+    polygon_m: Annotated[tuple[tuple[_Metre, _Metre], ...], Field(max_length=CORNERS_MAX), BeforeValidator(pairs)] = (
+        Field((), description="corners, x and y each; or use `center_m` and `radius_m`")
+    )
+    center_m: Annotated[tuple[_Metre, _Metre], BeforeValidator(pair)] | None = Field(
+        None, description="centre of a circle, x and y"
+    )
+    radius_m: float | None = Field(None, gt=0.0, le=10000.0, description="radius of a circle")
+    floor_m: _Height | None = Field(
+        None, description="height above the origin where the zone begins; none: at the ground"
+    )
+    ceiling_m: _Height | None = Field(None, description="height above the origin where the zone ends; none: nowhere")
+
+    @model_validator(mode="after")
+    def _is_one_zone(self) -> Self:
+        if (self.center_m is None) != (self.radius_m is None):
+            raise ValueError("a circle needs both center_m and radius_m")
+        if bool(self.polygon_m) == (self.center_m is not None):
+            raise ValueError("a zone is either polygon_m, or center_m and radius_m")
+        if self.floor_m is not None and self.ceiling_m is not None and self.floor_m >= self.ceiling_m:
+            raise ValueError(f"floor_m = {self.floor_m} m is not below ceiling_m = {self.ceiling_m} m")
+        return self
+
+
+class RallySection(Settings):
+    """`[[safety.rally]]`: a place where the team can land (docs/zones.md#rally-points). Each vehicle has its spot about
+    it, as starts lie about their middle.
+    """
+
+    name: str = Field(min_length=1, max_length=24, pattern=NAME_PATTERN, description="name of the place")
+    place_m: Annotated[tuple[_Metre, _Metre], BeforeValidator(pair)] = Field(
+        description="middle of the vehicles' spots, x and y"
+    )
+
+
 class SafetySection(Settings):
     """`[safety]`: limits that the guard keeps in every tactic (docs/safety.md)."""
 
@@ -141,7 +192,19 @@ class SafetySection(Settings):
         2.0, gt=0.0, le=100.0, description="height difference beyond which vehicles do not evade"
     )
     keep_out_m: float = Field(0.0, ge=0.0, le=1000.0, description="least distance to the target; 0: none")
+    traffic_distance_m: float = Field(
+        0.0, ge=0.0, le=5000.0, description="distance to keep from aircraft outside the team; 0: none"
+    )
+    traffic_height_m: float = Field(
+        100.0, gt=0.0, le=5000.0, description="height difference beyond which such aircraft do not count"
+    )
     fence_m: Fence = Field((), description="corners of the fence, x and y each; empty: none")
+    no_fly: Annotated[tuple[NoFlySection, ...], Field(max_length=ZONES_MAX), BeforeValidator(pair)] = Field(
+        (), description="zones of `[[safety.no_fly]]`"
+    )
+    rally: Annotated[tuple[RallySection, ...], Field(max_length=RALLY_MAX), BeforeValidator(pair)] = Field(
+        (), description="places of `[[safety.rally]]`"
+    )
     altitude_min_m: float | None = Field(None, ge=-500.0, le=9000.0, description="least altitude above the origin")
     altitude_max_m: float | None = Field(None, ge=-500.0, le=9000.0, description="largest altitude above the origin")
     speed_max_m_s: float = Field(5.0, gt=0.0, le=30.0, description="largest speed")
@@ -217,6 +280,18 @@ class ChoreographySettings(Settings):
         """Return the vehicles, given in line order, in the order in which they land."""
         first = tuple(i for i in self.landing_order if i in ids)
         return (*first, *(i for i in ids if i not in first))
+
+
+class GimbalSettings(Settings):
+    """`gimbal` of a vehicle: its camera looks at the target, whatever the vehicle's yaw (docs/missions.md)."""
+
+    target_height_m: float = Field(
+        0.0,
+        ge=-500.0,
+        le=9000.0,
+        description="height above the origin of what is looked at, unless the ring follows the target's altitude",
+    )
+    view_deg: float = Field(60.0, ge=1.0, le=170.0, description="the camera's angle of view")
 
 
 class ExcitationSettings(Settings):

@@ -276,7 +276,7 @@ class FailsafeTuning(Settings):
     )
     fence_s: float = tuned(
         0.5,
-        "*fence left*, *altitude limit left*: grace time",
+        "*fence left*, *no-fly zone entered*, *altitude limit left*: grace time",
         "Ten samples at 20 Hz: a single outlier is not enough.",
         ge=0.0,
         le=60.0,

@@ -12,6 +12,7 @@ from gcs.cli.options import (
     RESULT,
     AllowPlugins,
     Changes,
+    ChecklistDone,
     Duration,
     FigureNumber,
     Json,
@@ -90,6 +91,7 @@ class FlyOptions:
             help="Seconds to wait on the ground for vehicles that are not ready yet; 0: refuse at once.",
         ),
     ] = 60.0
+    checklist_done: ChecklistDone = None
     wait_for_start: Annotated[
         bool,
         Parameter(
@@ -253,6 +255,7 @@ def _fly(options: FlyOptions) -> Exit:
         allow_plugins=options.allow_plugins,
         recovery=recovery,
         left=options.leave,
+        checklist_done=options.checklist_done or "",
     )
     live_address = (options.live_address or _LIVE_ADDRESS) if options.live else None
     recording = RecordingOptions(options.log, options.recorded, options.only, live_address, options.live_origin)

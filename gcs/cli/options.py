@@ -59,6 +59,9 @@ KeyName = Annotated[
     str | None,
     Parameter(help="The holder whose keys are used, such as anna; needed if the mission's key folder has several."),
 ]
+ChecklistDone = Annotated[
+    str | None, Parameter(help="Name of the person who has done the mission's checklist, without the operator's page.")
+]
 AllowPlugins = Annotated[
     bool,
     Parameter(

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 from cyclopts import Parameter
 from cyclopts.validators import Number
 
-from gcs.cli.options import Changes, Json, KeyName, MissionName, bus_mission
+from gcs.cli.options import Changes, ChecklistDone, Json, KeyName, MissionName, bus_mission
 from gcs.errors import Exit
 from gcs.metrics.json_output import json_output
 
@@ -28,6 +28,7 @@ class StartOptions:
         float,
         Parameter(validator=Number(gte=1, lte=3600), help="Seconds to wait for vehicles that are not ready yet."),
     ] = 10.0
+    checklist_done: ChecklistDone = None
     json: Json = False
 
 
@@ -39,18 +40,29 @@ def start(options: StartOptions) -> Exit:
     Example: cordon start my-mission.toml
     """
     from agents.ports import VehicleRefusedError
+    from agents.team.participant import name_from
+    from gcs.checklist import Checklist
     from gcs.cli.command import granted_operator
     from gcs.cli.output import print_result
     from gcs.console.command_client import start_team
     from gcs.console.terminal import print_problem
 
     mission = bus_mission(options.mission, options.changes)
+    checklist = Checklist(mission.network.team, mission.checklist)
+    if options.checklist_done:
+        checklist.tick_all(name_from(options.checklist_done))
+    if open_items := [item.text for item in checklist.open()]:
+        fault = f"the checklist is not done: {'; '.join(open_items)}"
+        print_problem(fault, "tick it on the operator's page, or use --checklist-done NAME")
+        return Exit.REFUSED
     try:
         operator = granted_operator(mission, "start", options.key)
         result = asyncio.run(start_team(mission, operator, options.wait))
     except VehicleRefusedError as refusal:
         print_problem(refusal.reason, refusal.next_step)
         return Exit.REFUSED
+    if result.started:
+        checklist.use()
     _show(mission, result)
     if options.json:
         print_result(_json(mission, result))

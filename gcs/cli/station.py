@@ -106,6 +106,7 @@ def _require_regular(option: str, *paths: Path) -> None:
 
 
 def _serve_team(access: "Access", options: StationOptions, ending: _Ending) -> Exit:
+    from gcs.checklist import Checklist
     from gcs.station.broadcast import Broadcast
     from gcs.station.commands import Commands
     from gcs.station.live_team import LiveTeam
@@ -120,7 +121,9 @@ def _serve_team(access: "Access", options: StationOptions, ending: _Ending) -> E
         return Commands(mission, options.key, broadcast.publish)
 
     async def serve(listening: "Sequence[ListeningSocket]", stop: asyncio.Event) -> None:
-        await serve_team(team, commands, access, listening, stop, tiles=tiles, outlives=lambda: team.has_lost_flight)
+        checklist = Checklist(mission.network.team, mission.checklist)
+        lost = lambda: team.has_lost_flight  # noqa: E731
+        await serve_team(team, commands, access, listening, stop, tiles=tiles, outlives=lost, checklist=checklist)
 
     return _serve(serve, access, f"team {mission.network.team}", ending, team.lose)
 

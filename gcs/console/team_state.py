@@ -9,7 +9,7 @@ from msgspec.structs import replace
 
 from agents.flight_end import LastPosition
 from agents.ports import VehicleRefusedError
-from agents.safety.fence import Fence
+from agents.safety.fence import Area
 from agents.team.messages import (
     BusMessage,
     CommandAnswer,
@@ -135,12 +135,12 @@ class _LatestMessages:
 class TeamState:
     """The state of a team from its bus messages, and the events since the last call of `new_events`.
 
-    `fences` are those of the vehicles that have one. `frame` is the mission's: positions of vehicles that are
+    `areas` are those of the vehicles that have limits. `frame` is the mission's: positions of vehicles that are
     unaccounted for are shown in degrees. `rings` are the names of the mission's rings, none if it has one.
     """
 
     vehicle_ids: Sequence[int]
-    fences: Mapping[int, Fence] = field(default_factory=dict)
+    areas: Mapping[int, Area] = field(default_factory=dict)
     frame: MissionFrame = field(default_factory=lambda: MissionFrame(None))
     rings: Sequence[str] = ()
     _reports: dict[int, tuple[VehicleReport, float]] = field(default_factory=dict)
@@ -262,7 +262,7 @@ class TeamState:
         report = self._reports[vehicle_id][0] if vehicle_id in self._reports else None
         if report is not None:
             row = with_outlook(row, report.outlook, state.time_s + age_s)
-        row = with_surroundings(row, places_m, self.fences)
+        row = with_surroundings(row, places_m, self.areas)
         last = self._last_position(vehicle_id, now_s, is_over=is_over)
         if last is not None:
             return with_unaccounted(row, Unaccounted.of(vehicle_id, last, self.frame))

@@ -1,7 +1,7 @@
 """A vehicle as an onlooker sees it: the one type that the terminals' tables and the operator's page show."""
 
 from collections.abc import Mapping, Sequence
-from math import ceil, hypot
+from math import ceil, hypot, inf, isfinite
 from typing import TypeVar
 
 import msgspec
@@ -9,7 +9,7 @@ from msgspec.structs import replace
 
 from agents.notes import GuardAction
 from agents.safety.failsafe import Condition
-from agents.safety.fence import Fence
+from agents.safety.fence import Area
 from agents.team.messages import RESUMES, AutopilotReport, MemberState, Outlook, VehicleReport
 from estimation.frames import Triple
 from gcs.console.advice import Severity, advice, severity
@@ -196,9 +196,12 @@ def with_unaccounted(view: ViewT, lost: Unaccounted | None = None) -> ViewT:
     )
 
 
-def with_surroundings(view: ViewT, places_m: Mapping[int, Pair], fences: Mapping[int, Fence]) -> ViewT:
-    """Return a view with the distances to the others, of which `places_m` are the positions, and to its fence."""
+def with_surroundings(view: ViewT, places_m: Mapping[int, Pair], areas: Mapping[int, Area]) -> ViewT:
+    """Return a view with the distances to the others, of which `places_m` are the positions, and to its limits."""
     nearest_id, nearest_m = nearest_other(view.vehicle_id, places_m) or (None, None)
-    fence, place_m = fences.get(view.vehicle_id), places_m.get(view.vehicle_id)
-    margin_m = None if fence is None or place_m is None else fence.clearance_m(place_m)
-    return replace(view, nearest_id=nearest_id, nearest_m=nearest_m, fence_margin_m=margin_m)
+    area, place_m = areas.get(view.vehicle_id), places_m.get(view.vehicle_id)
+    height_m = 0.0 if view.position_m is None else view.position_m[2]
+    margin_m = inf if area is None or place_m is None else area.clearance_m(place_m, height_m)
+    return replace(
+        view, nearest_id=nearest_id, nearest_m=nearest_m, fence_margin_m=margin_m if isfinite(margin_m) else None
+    )

@@ -31,7 +31,7 @@ from gcs.console.table_view import (
 from gcs.console.team_bus import WatchedBus
 from gcs.console.team_state import TeamMissions, TeamState
 from gcs.console.vehicle_view import TeamRow
-from gcs.mission.geometry import fences
+from gcs.mission.geometry import areas
 from gcs.mission.mission import Mission
 from gcs.signals import relay
 
@@ -73,7 +73,7 @@ async def watch(mission: Mission, view: WatchView, stop: asyncio.Event) -> None:
     Raises InputError if this computer has no keys that may receive, VehicleRefusedError if the team flies another
     mission.
     """
-    limits = fences([vehicle.section for vehicle in mission.vehicles], mission.safety)
+    limits = areas([vehicle.section for vehicle in mission.vehicles], mission.safety)
     team = TeamState(mission.ids, limits, mission.mission_frame(), ring_names(mission))
     missions = TeamMissions(mission)
     began_s = monotonic()

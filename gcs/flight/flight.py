@@ -30,7 +30,7 @@ from gcs.flight.heartbeat import SupervisorLink, Unsupervised
 from gcs.flight.live.operating import ProgramLink
 from gcs.flight.member_flights import MemberFlights, begun
 from gcs.flight.plan import FlightPlan
-from gcs.flight.preparation import Readiness, StartWait
+from gcs.flight.preparation import ChecklistWait, Readiness, StartWait
 from gcs.flight.recovery import LEFT_TO_PILOT, prepare_recovery
 from gcs.flight.stubs import FlightStubs, clock_refusal, preparing_speed, url_ports
 from gcs.flight.target_vehicle import TargetVehicle
@@ -323,6 +323,8 @@ async def _prepare(team: FlightTeam, target: TargetVehicle, report: FindingsRepo
         await readiness.measure_speed()
     for agent in team.agents:
         agent.announce()
+    if team.plan.checklist is not None:
+        await ChecklistWait(team, team.plan.checklist).done()
     findings = await (StartWait(team).findings() if team.plan.awaits_start else readiness.findings())
     report(findings)
     refused = sum(finding.grade is Grade.REFUSE for finding in findings)

@@ -6,6 +6,7 @@ from datetime import date
 from time import time
 
 from agents.shell.computer import computer_clock
+from gcs.checklist import Checklist
 from gcs.flight.equipment import Equipment
 from gcs.flight.faults.schedule import ScheduledFault
 from gcs.flight.log_process import LogProcess
@@ -46,7 +47,7 @@ class FlightPlan:
     simulated bodies fly, without propellers. With `awaits_start` the vehicles wait on the ground until an operator
     starts them (`cordon start`). A flight of stubs joins the governed `clock` that they are on, or makes one. `holders`
     are those of the bus's keys when the flight begins. `planner` is the mission's, None for cordon's. A `recovery`
-    brings vehicles home that are in the air.
+    brings vehicles home that are in the air. Nothing is armed before the required items of a `checklist` are ticked.
     """
 
     mission: Mission
@@ -64,6 +65,7 @@ class FlightPlan:
     holders: Sequence[Holder] | None = None
     planner: ChosenPlanner | None = None
     recovery: TeamRecovery | None = None
+    checklist: Checklist | None = None
 
     def __post_init__(self) -> None:
         """Raise InputError for a mission with a planner of its own that was not loaded; the way home is cordon's."""

@@ -5,13 +5,16 @@ import time
 from collections.abc import Sequence
 
 from agents.ports import VehicleRefusedError
+from gcs.checklist import Checklist
 from gcs.flight.team import FlightTeam
+from gcs.flightlog.audit import ticked
 from gcs.preflight.findings import COMPUTER, MISSION, Finding, Grade, Subject, subjects_text
 from gcs.preflight.preflight import worst
 
 FIRST_REPORTS_S = 3.0
 """A ready vehicle reports everything within this time: home once a second, health twice [wall s]."""
 PERIOD_S = 1.0
+_TICKED_EVERY_S = 0.3
 
 
 class Readiness:
@@ -69,6 +72,29 @@ class Readiness:
         elif blockers != self._shown:
             self._team.view.print_line("\n".join(lines))
         self._shown = blockers
+
+
+class ChecklistWait:
+    """The wait until people have ticked the required items of the mission's checklist; it has no limit."""
+
+    def __init__(self, team: FlightTeam, checklist: Checklist) -> None:
+        self._team = team
+        self._checklist = checklist
+
+    async def done(self) -> None:
+        """Wait, note the ticks in the audit log, and use them up. Raises InputError where they cannot be read."""
+        shown: list[str] = []
+        while open_items := await asyncio.to_thread(self._checklist.open):
+            lines = [f"  [ ] {item.text}" for item in open_items]
+            if lines != shown:
+                shown, head = lines, "waiting for the checklist: tick it on the page, or use --checklist-done NAME"
+                self._team.view.print_line("\n".join([head, *lines]))
+            await asyncio.sleep(_TICKED_EVERY_S)
+        ticks = await asyncio.to_thread(self._checklist.use)
+        for number, (item, tick) in enumerate(zip(self._checklist.items, ticks, strict=True), start=1):
+            if tick is not None:
+                self._team.recording.note_run(ticked(self._team.clock.now_s(), number, tick, item.text))
+                self._team.view.print_line(f"checklist: {item.text}: {tick.by}")
 
 
 def about_to_pass(findings: Sequence[Finding]) -> Sequence[Finding]:

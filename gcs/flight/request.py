@@ -3,6 +3,8 @@
 from dataclasses import dataclass
 from math import inf
 
+from agents.team.participant import name_from
+from gcs.checklist import Checklist
 from gcs.errors import InputError
 from gcs.flight.faults.schedule import scheduled_faults
 from gcs.flight.plan import FlightPlan, TeamRecovery
@@ -20,7 +22,8 @@ class FlightRequest:
     stubs, measured otherwise. `duration_s` replaces the mission's. `faults` are texts such as "link-cut@120:2".
     `wait_s` [wall s] limits the wait for vehicles that are not ready; with `awaits_start` they wait for an operator's
     start. On the `bench`, boards in hardware-in-the-loop simulation fly. The mission's planner is imported only if
-    `allow_plugins`. With a `recovery` the vehicles that are in the air are taken, except those `left`.
+    `allow_plugins`. With a `recovery` the vehicles that are in the air are taken, except those `left`. Who has done the
+    mission's checklist may be named by `checklist_done`; else its items are ticked on the operator's page.
     """
 
     mission: Mission
@@ -35,6 +38,7 @@ class FlightRequest:
     allow_plugins: bool = False
     recovery: TeamRecovery | None = None
     left: tuple[int, ...] = ()
+    checklist_done: str = ""
 
     def plan(self) -> FlightPlan:
         """Return the plan; raises InputError, whose faults name options of `cordon fly`."""
@@ -62,6 +66,7 @@ class FlightRequest:
             clock=clock,
             planner=planner_of(mission, allowed=self.allow_plugins),
             recovery=self.recovery,
+            checklist=self._checklist(),
         )
 
     def _vehicles(self) -> tuple[MissionVehicle, ...]:
@@ -71,6 +76,19 @@ class FlightRequest:
         if not vehicles:
             raise InputError(["--leave: no vehicle of the mission is left to take"])
         return vehicles
+
+    def _checklist(self) -> Checklist | None:
+        """Return the checklist to wait for; where operators start the vehicles, `cordon start` requires it."""
+        items = self.mission.checklist
+        if self.checklist_done and (not items or self.awaits_start):
+            where = "`cordon start` takes it" if items else "the mission has no [[checklist]]"
+            raise InputError([f"--checklist-done: {where}"])
+        if not items or self.awaits_start or self.recovery is not None:  # vehicles in the air are not armed
+            return None
+        checklist = Checklist(self.mission.network.team, items)
+        if self.checklist_done:
+            checklist.tick_all(name_from(self.checklist_done))
+        return checklist
 
 
 def require_governed(speed: float | None, *, only_stubs: bool, advice: str) -> None:

@@ -48,6 +48,7 @@ def stub_configs(mission: Mission, ports: Mapping[int, int] | None = None) -> li
             wind_m_s2=simulation.wind_m_s2,
             seed=mission.mission.seed,
             autopilot=vehicle.autopilot,
+            gimbal=vehicle.section.gimbal is not None,
         )
         for vehicle in mission.vehicles
         if vehicle.id in ports

@@ -20,7 +20,7 @@ from gcs.console.vehicle_view import TeamRow, with_alert, with_outlook, with_sur
 from gcs.flight.team import DISARMED, FlightTeam, Member
 from gcs.metrics.ending import Unaccounted
 from gcs.metrics.journal import event_line
-from gcs.mission.geometry import Place, fences
+from gcs.mission.geometry import Place, areas
 from gcs.preflight.findings import Finding, Grade
 from gcs.preflight.senders import impostor, moved
 from gcs.preflight.vehicle import clock_lag
@@ -39,7 +39,7 @@ class Watch:
         self._report = report
         self._hint = hint
         mission = team.plan.mission
-        self._fences = fences([vehicle.section for vehicle in mission.vehicles], mission.safety)
+        self._areas = areas([vehicle.section for vehicle in mission.vehicles], mission.safety)
         self._frame = mission.mission_frame()
         self._rings = ring_names(mission)
         self._log_fault = ""
@@ -152,7 +152,7 @@ class Watch:
             lag_rad=None if place is None else place.lag_rad,
             round_trip_s=None if vehicle.round_trip_s is None else vehicle.round_trip_s / self._team.clock.time_scale,
         )
-        row = with_surroundings(row, places_m, self._fences)
+        row = with_surroundings(row, places_m, self._areas)
         if last is not None:
             return with_unaccounted(row, Unaccounted.of(vehicle_id, last, self._frame))
         row = with_outlook(row, None if ending else member.agent.outlook, self._team.clock.now_s())

@@ -14,13 +14,15 @@ from agents.outputs import TickOutput
 from agents.team.codec import decode
 from agents.team.messages import ROSTER_TOPIC, TOPICS, CommandAnswer, CommandKey, OperatorCommand, VehicleId, key_of
 from agents.team.text import printable
+from gcs.checklist import Tick
 
-Event = Literal["received", "answered", "revoked", "head", "refused", "closed"]
+Event = Literal["received", "answered", "revoked", "head", "refused", "ticked", "closed"]
 Source = Literal["bus", "keyboard", ""]
 
 
 class AuditEntry(msgspec.Struct, frozen=True, omit_defaults=True):
-    """A command received by a vehicle, its answer, keys revoked in flight, refusals, a head of another log, or the end.
+    """A command received by a vehicle, its answer, keys revoked in flight, refusals, a head of another log, an item of
+    the checklist, or the end.
 
     `operator` is the name in its key, and with keys that of the certificate. `did` is the answer, the effect of a
     revocation, the reason, or the head's digest; `command` also the number of refusals, or of the head's entries;
@@ -48,6 +50,12 @@ class AuditHead(msgspec.Struct, frozen=True, array_like=True, tag="head"):
     time_s: float
     entries: Annotated[int, msgspec.Meta(ge=1, lt=2**53)]
     digest: Annotated[str, msgspec.Meta(pattern=r"^[0-9a-f]{64}$")]
+
+
+def ticked(time_s: float, number: int, tick: Tick, text: str) -> AuditEntry:
+    """Return the entry of a ticked item of the checklist, with its number and the Unix time of the tick."""
+    when = datetime.fromtimestamp(tick.wall_s, UTC).isoformat(timespec="seconds")
+    return AuditEntry(time_s, "ticked", 0, "", tick.by, "", number, printable(f"{text} ({when})"), "", "")
 
 
 def sealed(entry: AuditEntry, previous: str) -> AuditEntry:
@@ -207,6 +215,8 @@ def audit_line(entry: AuditEntry) -> str:
     did = "received" if entry.event == "received" else entry.did
     if entry.event == "refused":
         return printable(f"{_time(entry.time_s)}  bus  {entry.operator}  refused {entry.command} times: {did}")
+    if entry.event == "ticked":
+        return printable(f"{_time(entry.time_s)}  checklist  {entry.operator}  ticked: {did}")
     return printable(f"{_time(entry.time_s)}  vehicle {entry.vehicle}  {who}  {entry.key}  {did}")
 
 

@@ -9,8 +9,10 @@ import msgspec
 import numpy as np
 from pydantic import Field
 
+from agents.ring.bent_ring import Bender, RingBend
 from agents.ring.commanded_ring import change_s
-from agents.ring.place import Gaps
+from agents.ring.place import Gaps, even_places, weights_of
+from agents.safety.routes import flown_zones
 from agents.settings.sections import EncirclementSettings
 from agents.tactics import NO_TACTIC, Tactic
 from estimation.state import Vector
@@ -132,7 +134,8 @@ class DesiredRing:
     It is the last one that was commanded; `earlier` are those before it, in order. The angles between vehicles are in
     proportion to the weights `gaps`. A ring with heights of its own has the vehicles' `heights_m` at its centre, by id,
     and rises by `rise_m` to its highest point at the bearing `highest_rad`. Where it is one of several of which some
-    have heights, two vehicles are separated by their heights if these differ by `above_m`.
+    have heights, two vehicles are separated by their heights if these differ by `above_m`. About a target at rest it
+    may `bend` around no-fly zones: radii then count as if it did not.
     """
 
     radius_m: float
@@ -143,6 +146,7 @@ class DesiredRing:
     rise_m: float = 0.0
     highest_rad: float = 0.0
     above_m: float | None = None
+    bend: RingBend | None = None
 
     def height_m(self, vehicle_id: int, bearing_rad: Vector) -> Vector:
         """Return the desired height (T,) of a vehicle at its bearings, NaN on a ring without heights of its own."""
@@ -227,7 +231,17 @@ def ring_reference(mission: Mission, events: Iterable[FlightEvent] = ()) -> Desi
     heights = _heights_m(mission, ring), rise_m, radians(ring.tilt_bearing_deg)
     is_stacked = any(each.encirclement.has_heights for each in mission.rings)
     above_m = HEIGHT_SHARE * mission.safety.vertical_separation_m if is_stacked else None
-    return DesiredRing(ring.radius_m, ring.angular_rate_rad_s, mission.gaps, tuple(earlier), *heights, above_m)
+    bend = ring_bend(mission) if ring == mission.encirclement else None
+    return DesiredRing(ring.radius_m, ring.angular_rate_rad_s, mission.gaps, tuple(earlier), *heights, above_m, bend)
+
+
+def ring_bend(mission: Mission) -> RingBend | None:
+    """Return how the mission's ring bends around no-fly zones; None without zones, or about a target that moves."""
+    zones = flown_zones(config := mission.agent_config(mission.vehicles[0]))
+    if not zones or not mission.target.has_planned_path or mission.target.speed_max_m_s:
+        return None
+    places = float(config.places) if config.rings else even_places(weights_of(config.slots, config.gaps))
+    return Bender(zones, config.encirclement, config.safety, places).bend(mission.target.start_m)
 
 
 def ring_references(mission: Mission, record: FlightRecord) -> tuple[DesiredRing, ...]:

@@ -15,6 +15,7 @@ from math import inf, tau
 
 import numpy as np
 
+from agents.ring.bent_ring import RingBend
 from agents.ring.place import EVEN, Gaps, weights_of
 from agents.tactics import NO_TACTIC, Tactic
 from estimation.state import Vector
@@ -74,10 +75,11 @@ class RingMotion:
         )
 
 
-def ring_motion(record: FlightRecord, gaps: Gaps = EVEN) -> RingMotion:
+def ring_motion(record: FlightRecord, gaps: Gaps = EVEN, bend: RingBend | None = None) -> RingMotion:
     """Resolve every vehicle's motion relative to the moving target into radius, bearing and angular rate.
 
     Estimated motion is relative to the vehicle's own estimate of the target, so that frame errors are no ring errors.
+    Radii on a ring that bends around no-fly zones are less its bend.
     """
     shape = (len(record.vehicles), record.time_s.size)
     offset_m, drift_m_s = np.empty((2, *shape, 2))
@@ -90,6 +92,9 @@ def ring_motion(record: FlightRecord, gaps: Gaps = EVEN) -> RingMotion:
     swept_m2_s = offset_m[..., 0] * drift_m_s[..., 1] - offset_m[..., 1] * drift_m_s[..., 0]
     bearing_rad = np.where(np.isnan(defined_m), np.nan, np.arctan2(offset_m[..., 1], offset_m[..., 0]))
     member = _members(record)
+    if bend is not None:
+        known = np.isfinite(bearing_rad)
+        radius_m[known] -= bend.at(bearing_rad[known])[0]
     return RingMotion(
         member=member,
         radius_m=radius_m,

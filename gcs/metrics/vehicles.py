@@ -10,6 +10,7 @@ import numpy as np
 
 from agents.tactics import NO_TACTIC, Tactic
 from estimation.state import Vector
+from gcs.metrics.pointing import pointing_error_rms_deg
 from gcs.metrics.record import (
     ANOTHER_RING,
     GAP_MAX_S,
@@ -42,6 +43,7 @@ class VehicleResult:
     formation_speed_error_rms_m_s: float | None = None
     formation_spacing_error_rms_m: float | None = None
     height_error_rms_m: float | None = None
+    pointing_error_rms_deg: float | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,6 +89,7 @@ def vehicle_results(
             formation_speed_error_rms_m_s=rms(speed_error_m_s[row]),
             formation_spacing_error_rms_m=rms(spacing_error_m[row]),
             height_error_rms_m=_height_error_rms_m(record.time_s, track, ring, motion.bearing_rad[row], window),
+            pointing_error_rms_deg=pointing_error_rms_deg(record, track, window),
         )
         results.append(result)
     return tuple(results)

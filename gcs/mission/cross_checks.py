@@ -37,7 +37,9 @@ from gcs.mission.mission import (
     TargetSection,
     VehicleSection,
 )
+from gcs.mission.rally import rally_fits
 from gcs.mission.stability import kept_up
+from gcs.mission.zones import zones_fit
 
 LoadedVehicle = tuple[VehicleSection, Profile]
 
@@ -142,7 +144,7 @@ def cross_checked(sections: Mapping[str, Any], vehicles: list[LoadedVehicle | No
         yield from _starts_apart(known, safety)
         if ring is not None:
             yield from _places_apart(known, safety, ring, places, complete=len(known) == len(vehicles))
-        yield from _inside_limits(sections, known, safety)
+        yield from _inside_limits(sections, known, safety, places)
     if ring is not None and network is not None:
         yield from ring_in_range(ring, network, places)
     yield from _located(sections.get("frame"), known)
@@ -163,7 +165,7 @@ def _all_distinct(vehicles: IndexedVehicles) -> Iterator[KeyFault]:
 
 
 def _inside_limits(
-    sections: Mapping[str, Any], vehicles: IndexedVehicles, safety: SafetySettings
+    sections: Mapping[str, Any], vehicles: IndexedVehicles, safety: SafetySettings, places: int
 ) -> Iterator[KeyFault]:
     formation, ring, target = (sections.get(name) for name in ("formation", "encirclement", "target"))
     yield from slots_fit(vehicles, safety, formation, sections.get("network"))
@@ -171,6 +173,8 @@ def _inside_limits(
     yield from altitudes_fit(vehicles, safety, sections.get("choreography"))
     yield from follows_fit(vehicles, safety, ring, target)
     yield from fence_fits(safety, vehicles, ring, target, sections.get("mission"))
+    yield from zones_fit(safety, vehicles, ring, target, sections.get("choreography"), places)
+    yield from rally_fits(safety, vehicles, sections.get("choreography"))
 
 
 def _exclusive_part(url: str) -> str:

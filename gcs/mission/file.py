@@ -21,7 +21,15 @@ from gcs.errors import InputError, KeyFault
 from gcs.mission.cross_checks import LoadedVehicle, resolved
 from gcs.mission.excitation import excitation_faults, excited
 from gcs.mission.fault_lines import located, syntax_fault
-from gcs.mission.mission import CORDONS_PLANNER, Mission, SharedLinkSection, TargetSection, VehicleSection
+from gcs.mission.mission import (
+    CHECKLIST_MAX,
+    CORDONS_PLANNER,
+    ChecklistItem,
+    Mission,
+    SharedLinkSection,
+    TargetSection,
+    VehicleSection,
+)
 from gcs.mission.overrides import overridden, places
 from gcs.mission.rings import SeveralRings, several_rings
 from gcs.mission.sections import EXCITES, REQUIRED, SECTIONS, TUNED, TUNING, VEHICLES_MAX
@@ -29,8 +37,8 @@ from gcs.mission.validation import shown, unknown_keys, validated
 
 _SECTIONS = ("frame", "formation", "encirclement", "safety", "failsafe", "target_filter", "target", "choreography")
 _OF_THE_MISSION = {"name", "duration_s", "rate_hz"}
-_OF_ONE_COMPUTER = {"url", "true_scale", "sensor"}
-"""Keys that may differ between the computers of a team, or concern only simulated vehicles."""
+_OF_ONE_COMPUTER = {"url", "true_scale", "sensor", "gimbal", "camera_url"}
+"""Keys that may differ between the computers of a team, or concern only simulated vehicles or cameras."""
 
 
 def identified(mission: Mission) -> Mission:
@@ -41,7 +49,13 @@ def identified(mission: Mission) -> Mission:
 def _digest(mission: Mission) -> str:
     """Return 16 hexadecimal digits of the digest of sections, vehicles and profiles, without their file paths."""
     sections = {name: getattr(mission, name).model_dump(mode="json") for name in _SECTIONS}
+    for key in ("no_fly", "rally"):  # later keys, only where they are used
+        if not getattr(mission.safety, key):
+            sections["safety"].pop(key)
     sections["target"] = _comparable(mission.target)
+    if not mission.safety.traffic_distance_m:
+        for key in ("traffic_distance_m", "traffic_height_m"):
+            sections["safety"].pop(key)
     if mission.targets:
         sections["targets"] = [_comparable(each) for each in mission.targets]
     if mission.rings:
@@ -147,7 +161,7 @@ def parse_mission(text: str, folder: Path | None, profile_texts: Mapping[str, st
 
 def _checked(content: dict[str, Any], text: str, library: ProfileLibrary) -> Mission:
     """Return the mission of a file's content; raises MissionError with every fault."""
-    known = [*SECTIONS, "targets", "rings", "links", "vehicles", "tuning"]
+    known = [*SECTIONS, "targets", "rings", "links", "vehicles", "tuning", "checklist"]
     faults = unknown_keys("", [key for key in content if key not in known], known)
     several = several_rings(content, faults)
     faults += [
@@ -160,12 +174,14 @@ def _checked(content: dict[str, Any], text: str, library: ProfileLibrary) -> Mis
     decision = content.get("decision", {}) if sections["decision"] is not None else {}
     links = _links(content.get("links", {}), faults)
     vehicles = _vehicles(content.get("vehicles", []), _Shared(decision, links), library, faults)
+    checklist = _checklist(content.get("checklist", []), faults)
     faults += several.checked(sections, vehicles)
     if faults:
         raise MissionError(faults)
     complete = tuple(resolved(*vehicle) for vehicle in vehicles if vehicle is not None)
     read = {"text": text, "profile_texts": library.texts, "parse": parse_mission}
     read |= {"targets": several.mission_targets, "rings": several.mission_rings(sections["encirclement"])}
+    read |= {"checklist": checklist}
     mission = Mission(**sections, links=links, vehicles=complete, **read)  # type: ignore[arg-type]  # each is of its section's model
     if unstable := list(several.unstable(mission)):
         raise MissionError(unstable)
@@ -229,6 +245,22 @@ def _links(content: object, faults: list[KeyFault]) -> dict[str, SharedLinkSecti
         return {}
     sections = {name: validated(SharedLinkSection, each, f"links.{name}", faults) for name, each in content.items()}
     return {name: section for name, section in sections.items() if section is not None}
+
+
+def _checklist(content: object, faults: list[KeyFault]) -> tuple[ChecklistItem, ...]:
+    """Return the items of `[[checklist]]`, which all differ."""
+    if not isinstance(content, list):
+        faults.append(KeyFault("checklist", f"write [[checklist]] above each item (given: {shown(content)})"))
+        return ()
+    if len(content) > CHECKLIST_MAX:
+        faults.append(KeyFault("checklist", f"it has at most {CHECKLIST_MAX} items (given: {len(content)})"))
+        return ()
+    found = [validated(ChecklistItem, each, f"checklist[{i}]", faults) for i, each in enumerate(content)]
+    items = [item for item in found if item is not None]
+    for i, item in enumerate(items):
+        if any(item.text == before.text for before in items[:i]):
+            faults.append(KeyFault(f"checklist[{i}].text", f"another item has the same text: {shown(item.text)}"))
+    return tuple(items)
 
 
 class _Shared(NamedTuple):

@@ -1,6 +1,6 @@
 """Checks of a mission against its own limits: fence, altitude band, keep-out disc and speeds.
 
-Also distances of vehicles from each other and their fences.
+Also distances of vehicles from each other, their fences and zones.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -9,7 +9,7 @@ from math import degrees, dist
 
 from agents.ring.heights import altitude_refusal, tilt_refusal
 from agents.ring.place import chord_m
-from agents.safety.fence import Fence
+from agents.safety.fence import Area, Fence
 from agents.settings.sections import ChoreographySettings, EncirclementSettings, FormationSettings, SafetySettings
 from agents.settings.shapes import gap_m
 from gcs.errors import KeyFault
@@ -21,10 +21,10 @@ IndexedVehicles = Sequence[tuple[int, VehicleSection]]
 Place = tuple[float, float]
 
 
-def fences(vehicles: Sequence[VehicleSection], safety: SafetySettings) -> dict[int, Fence]:
-    """Return the fence of each vehicle that has one, the mission's or its own, by its id."""
-    corners_m = {vehicle.id: vehicle.limits(safety).fence_m for vehicle in vehicles}
-    return {vehicle_id: Fence(corners) for vehicle_id, corners in corners_m.items() if corners}
+def areas(vehicles: Sequence[VehicleSection], safety: SafetySettings) -> dict[int, Area]:
+    """Return where each vehicle that has a fence or no-fly zones may fly, by its id."""
+    limits = {vehicle.id: vehicle.limits(safety) for vehicle in vehicles}
+    return {vehicle_id: Area(each) for vehicle_id, each in limits.items() if each.fence_m or each.no_fly}
 
 
 def nearest_other(vehicle_id: int, places_m: Mapping[int, Place]) -> tuple[int, float] | None:
@@ -288,7 +288,7 @@ def fence_fits(
         others = [(i, vehicle) for i, vehicle in vehicles if vehicle.fence_m is None]
         fences.insert(0, ("safety.fence_m", safety.fence_m, others))
     for key, corners, inside in fences:
-        faults = list(_sound(key, corners))
+        faults = list(sound(key, corners, "fence"))
         yield from faults
         if faults:
             continue
@@ -297,19 +297,20 @@ def fence_fits(
             clearance_m = fence.clearance_m(vehicle.start_m)
             if clearance_m < 0.0:
                 yield KeyFault(
-                    f"vehicles[{i}].start_m", f"{_at(vehicle.start_m)} is {-clearance_m:.2f} m outside of {key}"
+                    f"vehicles[{i}].start_m", f"{at(vehicle.start_m)} is {-clearance_m:.2f} m outside of {key}"
                 )
         if target is not None and mission is not None:
             yield from _around_target(key, fence, 0.0 if ring is None else ring.radius_m, target, mission.duration_s)
 
 
-def _sound(key: str, corners: Sequence[tuple[float, float]]) -> Iterator[KeyFault]:
+def sound(key: str, corners: Sequence[tuple[float, float]], what: str) -> Iterator[KeyFault]:
+    """Check that a polygon has corners enough, all different, and edges that do not cross."""
     if len(corners) < 3:
-        yield KeyFault(key, f"a fence needs at least 3 corners (given: {len(corners)})")
+        yield KeyFault(key, f"a {what} needs at least 3 corners (given: {len(corners)})")
         return
     for i, (one, other) in enumerate(zip(corners, (*corners[1:], corners[0]), strict=True)):
         if dist(one, other) < 1e-6:
-            yield KeyFault(key, f"corners {i} and {(i + 1) % len(corners)} are the same, {_at(one)}")
+            yield KeyFault(key, f"corners {i} and {(i + 1) % len(corners)} are the same, {at(one)}")
             return
     crossed = Fence(corners).crossed_edges()
     if crossed is not None:
@@ -327,10 +328,11 @@ def _around_target(
             yield KeyFault(
                 key,
                 f"{what} is {radius_m - room_m if room_m >= 0.0 else -room_m:.2f} m outside, "
-                f"with the target at {_at((x, y))} after {time_s:.0f} s",
+                f"with the target at {at((x, y))} after {time_s:.0f} s",
             )
             return
 
 
-def _at(place_m: tuple[float, float]) -> str:
+def at(place_m: tuple[float, float]) -> str:
+    """Return a place as text."""
     return f"({place_m[0]:g}, {place_m[1]:g})"

@@ -21,6 +21,8 @@ from agents.settings.tuning import EncirclementTuning, FailsafeTuning, Formation
 from agents.team.messages import RINGS_MAX, TARGETS_MAX
 from estimation.settings import Settings, TargetBehaviour, TargetFilterSettings, TargetFilterTuning
 from gcs.mission.mission import (
+    CHECKLIST_MAX,
+    ChecklistItem,
     FrameSection,
     LinkSection,
     MissionSection,
@@ -90,6 +92,7 @@ def mission_schema() -> dict[str, Any]:
         vehicles=(list[VehicleSection], Field(min_length=1, max_length=VEHICLES_MAX)),
         targets=(list[TargetSection], Field(default_factory=list, min_length=1, max_length=TARGETS_MAX)),
         rings=(list[RingSection], Field(default_factory=list, min_length=1, max_length=RINGS_MAX)),
+        checklist=(list[ChecklistItem], Field(default_factory=list, max_length=CHECKLIST_MAX)),
     )
     schema = mission.model_json_schema()
     return {"$schema": "https://json-schema.org/draft/2020-12/schema", **schema, **_with_tables(schema)}

@@ -9,10 +9,11 @@ from typing import TypeVar, get_args
 from pydantic import ValidationError
 from pydantic_core import ErrorDetails
 
+from agents.settings.sections import NAME_PATTERN
 from agents.team.clock_watch import STEP_S
 from estimation.settings import Settings
 from gcs.errors import KeyFault
-from gcs.mission.mission import NAME_PATTERN, TEAM_PATTERN
+from gcs.mission.mission import TEAM_PATTERN
 from gcs.mission.sections import TUNING
 
 FORMER_KEYS: Mapping[str, str] = {

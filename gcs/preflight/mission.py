@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
-from math import asin, floor, hypot, inf, pi, sqrt
+from math import asin, cos, floor, hypot, inf, pi, sin, sqrt
 
 import numpy as np
 from msgspec.structs import asdict
@@ -12,6 +12,7 @@ from agents.ring.commanded_ring import RingBounds, ring_bounds
 from agents.ring.place import chord_m, even_places
 from agents.ring.settling import settling_s
 from agents.safety.failsafe import SILENCES_PER_HOUR_MAX
+from agents.safety.routes import shapes_of
 from agents.team.messages import MISSION_RING, CommandedRing, RingValues
 from estimation.polar import polar_of
 from gcs.autopilots.registry import advice
@@ -150,6 +151,7 @@ def feasibility(mission: Mission, *, stubs: bool = False) -> Iterator[Finding]:
     yield from _on_each_ring(mission, _settling)
     if not stubs:
         yield _mission_fence(mission)
+    yield from _zones_on_the_way_home(mission)
     yield from encounter(mission)
     yield from _on_each_ring(mission, _target_speed)
     yield from _on_each_ring(mission, _ring_acceleration)
@@ -264,7 +266,7 @@ def ring_acceleration_m_s2(mission: Mission) -> float:
 
 
 def extent_m(mission: Mission, vehicle: MissionVehicle) -> float:
-    """Return a vehicle's largest distance from its start: at the end of its line, on a ring, or in its box."""
+    """Return a vehicle's largest distance from its start: on its line, a ring, at a rally point, or in its box."""
     x, y = vehicle.section.start_m
     if mission.excites:
         return max(hypot(corner_x - x, corner_y - y) for corner_x, corner_y in mission.safety.fence_m)
@@ -274,7 +276,8 @@ def extent_m(mission: Mission, vehicle: MissionVehicle) -> float:
         for alone in mission.alone
         for _, (end_x, end_y) in alone.target.motion.path_m(duration_s, 2)
     ]
-    return max(*around_m, mission.formation.speed_m_s * duration_s)
+    rally_m = [hypot(spot_x - x, spot_y - y) for spot_x, spot_y in mission.rally_m(vehicle)]
+    return max(*around_m, *rally_m, mission.formation.speed_m_s * duration_s)
 
 
 def highest_m(mission: Mission, vehicle: MissionVehicle) -> float:
@@ -349,6 +352,44 @@ def _gap(mission: Mission, check: str, what: str, gap_m: float, step: str) -> Fi
         "the guard would move setpoints permanently, or vehicles would come too close",
         step,
     )
+
+
+_HOMEWARD_STEP_DEG = 10
+"""At so many degrees each around the ring the straight way home is checked."""
+
+
+def _zones_on_the_way_home(mission: Mission) -> Iterator[Finding]:
+    """Warn of no-fly zones that the autopilots cross when they return by themselves, straight from the ring."""
+    if not mission.safety.no_fly:
+        return
+    import shapely  # noqa: PLC0415 - slow to import, and only missions with zones need it
+
+    shapes = {each.name: shape for each in mission.safety.no_fly for shape in shapes_of((each,), 0.0)}
+    for vehicle in mission.vehicles:
+        above = [each.name for each in mission.safety.no_fly if (each.ceiling_m or inf) > vehicle.section.altitude_m]
+        ways = shapely.MultiLineString([(place, vehicle.section.start_m) for place in _flown_places_m(mission)])
+        crossed = [name for name in above if shapely.Polygon(shapes[name]).intersects(ways)]
+        yield Finding.graded(
+            Grade.WARNING if crossed else Grade.PASS,
+            vehicle.id,
+            "return by itself",
+            f"straight ways from the ring to its start cross the no-fly zones {', '.join(crossed)}"
+            if crossed
+            else "straight ways from the ring to its start cross no no-fly zone",
+            "after a lost link an autopilot that returns flies straight, at its own height, through zones",
+            "let it land instead (docs/hardware.md), or set its height of return above the zones",
+        )
+
+
+def _flown_places_m(mission: Mission) -> list[tuple[float, float]]:
+    """Return places on the rings, also where the planned motion leads their targets."""
+    angles = np.radians(np.arange(0.0, 360.0, _HOMEWARD_STEP_DEG)).tolist()
+    return [
+        (x + alone.encirclement.radius_m * cos(angle), y + alone.encirclement.radius_m * sin(angle))
+        for alone in mission.alone
+        for _, (x, y) in alone.target.motion.path_m(mission.mission.duration_s, 10)
+        for angle in angles
+    ]
 
 
 def _mission_fence(mission: Mission) -> Finding:

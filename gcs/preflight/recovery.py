@@ -9,7 +9,7 @@ from agents.ports import FlightMode
 from estimation.frames import Triple
 from gcs.autopilots.registry import autopilot_of
 from gcs.mission.excitation import PLACE_TOLERANCE_M
-from gcs.mission.geometry import fences
+from gcs.mission.geometry import areas
 from gcs.mission.mission import Mission
 from gcs.preflight.findings import Finding, Grade, VehicleFacts
 from gcs.preflight.vehicle import BATTERY_LOW
@@ -116,8 +116,12 @@ def _in_the_air(facts: VehicleFacts, mission: Mission, *, taken: bool) -> Standi
         found += ": it is taken" if taken else ": it keeps its pilot, and the others keep apart from it"
         finding = Finding(Grade.WARNING, i, "pilot", found, why, step)
         return Standing(i, Treatment.TAKE if taken else Treatment.ACCOMPANY, finding)
-    fence = fences([mission.vehicle(i).section], mission.safety).get(i)
-    if fence is not None and not fence.contains(place_m[:2]):
+    area = areas([mission.vehicle(i).section], mission.safety).get(i)
+    if area is not None and (zone := area.entered(place_m[:2], place_m[2])) is not None:
+        why = "the guard leads it out of the zone first, straight to the nearest place"
+        finding = Finding(Grade.WARNING, i, "no-fly zone", f"{found}; it is in '{zone.name}'", why, "watch its way")
+        return Standing(i, Treatment.TAKE, finding)
+    if area is not None and area.fence is not None and not area.fence.contains(place_m[:2]):
         why = "outside its fence the guard leads it back inside first, straight to the nearest place"
         finding = Finding(Grade.WARNING, i, "fence", f"{found}; it is outside its fence", why, "watch its way")
         return Standing(i, Treatment.TAKE, finding)

@@ -14,6 +14,7 @@ import msgspec
 
 from gcs.station.picture import (
     AnswerPicture,
+    ChecklistPicture,
     EventPicture,
     MissionPicture,
     OperatorRights,
@@ -53,6 +54,7 @@ class Reading:
     """What one page has received, and the answers to its own commands that wait for it."""
 
     missions: int = 0
+    checklists: int = 0
     teams: int = 0
     events: int = 0
     answers: deque[str] = field(default_factory=lambda: deque(maxlen=_ANSWERS_KEPT))
@@ -63,15 +65,18 @@ class Broadcast:
 
     def __init__(self) -> None:
         self._mission = self._team = ""
-        self._missions = self._teams = self._events = 0
+        self._checklist = ""
+        self._missions = self._teams = self._events = self._checklists = 0
         self._latest: deque[str] = deque(maxlen=EVENTS_KEPT)
         self._changed = asyncio.Event()
 
-    def publish(self, picture: Published) -> None:
+    def publish(self, picture: Published | ChecklistPicture) -> None:
         """Publish a picture to all pages; events get their numbers here."""
         match picture:
             case MissionPicture():
                 self._mission, self._missions = _encoded(picture), self._missions + 1
+            case ChecklistPicture():
+                self._checklist, self._checklists = _encoded(picture), self._checklists + 1
             case EventPicture():
                 self._events += 1
                 self._latest.append(_encoded(msgspec.structs.replace(picture, number=self._events)))
@@ -96,18 +101,20 @@ class Broadcast:
         if not self._missions:
             return []
         mission = [self._mission] if reading.missions < self._missions else []
+        checklist = [self._checklist] if reading.checklists < self._checklists else []
         team = [self._team] if reading.teams < self._teams else []
         unseen = min(self._events - reading.events, len(self._latest))
         events = list(self._latest)[len(self._latest) - unseen :]
         answers = list(reading.answers)
         reading.answers.clear()
         reading.missions, reading.teams, reading.events = self._missions, self._teams, self._events
-        return [*mission, *team, *events, *answers]
+        reading.checklists = self._checklists
+        return [*mission, *checklist, *team, *events, *answers]
 
     def _wake(self) -> None:
         self._changed.set()
         self._changed = asyncio.Event()
 
 
-def _encoded(picture: Published | AnswerPicture | ReceiptPicture) -> str:
+def _encoded(picture: Published | ChecklistPicture | AnswerPicture | ReceiptPicture) -> str:
     return msgspec.json.encode(picture).decode()

@@ -17,11 +17,12 @@ from agents.team.verbs import VERBS
 from gcs.console.command_client import CommandClient, CommandResult
 from gcs.console.rings import ring_names
 from gcs.errors import InputError
-from gcs.keys.identity import Identity
+from gcs.keys.identity import Identity, user_name
 from gcs.keys.team_keys import team_keys
 from gcs.mission.mission import Mission
 from gcs.preflight.mission import ring_change_faults
-from gcs.station.picture import AnswerPicture, CommandRequest, EventPicture, OperatorRights
+from gcs.station.picture import AnswerPicture, CommandRequest, EventPicture, OperatorRights, SightingRequest
+from gcs.station.target_reports import TargetReports
 
 NO_ANSWER = "no answer"
 UNDER_WAY_MAX = 16
@@ -36,7 +37,7 @@ OnAnswer = Callable[[AnswerPicture], None]
 class _Taken:
     """An accepted request, its answers so far, and the pages that wait for more."""
 
-    request: CommandRequest
+    request: CommandRequest | SightingRequest
     began_s: float = field(default_factory=time.monotonic)
     answers: list[AnswerPicture] = field(default_factory=list)
     receivers: list[OnAnswer] = field(default_factory=list)
@@ -65,6 +66,7 @@ class Commands:
         self._publish = publish
         self._identity: Identity | None = None
         self._client: CommandClient | None = None
+        self._reports = TargetReports(mission, self._keys)
         self._taken: OrderedDict[str, _Taken] = OrderedDict()
         self._under_way: set[asyncio.Task[None]] = set()
         self._read_only = "no flight runs"
@@ -72,10 +74,18 @@ class Commands:
     @property
     def rights(self) -> OperatorRights:
         """The operator's name and permitted commands."""
+        sights = not self._reports.refusal
         if self._client is None or self._identity is None:
-            return OperatorRights(read_only=self._read_only)
+            return OperatorRights(read_only=self._read_only, sights=sights)
         may = tuple(verb for verb in self._identity.may if VERBS[verb].button)
-        return OperatorRights(self._identity.participant.name, may)
+        return OperatorRights(self._identity.participant.name, may, sights=sights)
+
+    @property
+    def name(self) -> str:
+        """Who acts by pages: the operator, before a flight that makes its keys this user; empty if read-only."""
+        if self._identity is not None:
+            return self._identity.participant.name
+        return user_name() if self._mission.network.security is None else ""
 
     async def run(self, on_rights: Callable[[OperatorRights], None]) -> None:
         """Stay on the bus of the present flight, with its operator's keys, until cancelled.
@@ -93,7 +103,7 @@ class Commands:
         finally:
             await asyncio.shield(self._leave())
 
-    def take(self, request: CommandRequest, receive: OnAnswer) -> None:
+    def take(self, request: CommandRequest | SightingRequest, receive: OnAnswer) -> None:
         """Begin to carry out a request; for a known one repeat its answers, and do not send it again."""
         if known := self._taken.get(request.request):
             for answer in known.answers:
@@ -103,22 +113,31 @@ class Commands:
         taken = self._taken[request.request] = _Taken(request, receivers=[receive])
         if len(self._taken) > _REQUESTS_KEPT:
             self._taken.popitem(last=False)
-        client = self._client
         if refusal := next(self._refusals(request), ""):
             taken.answer(None, f"{_REFUSED}{refusal}", is_obeyed=False, is_final=True)
-        elif client is not None:
-            task = asyncio.create_task(self._carry_out(taken, client))
-            self._under_way.add(task)
-            task.add_done_callback(self._under_way.discard)
+            return
+        if isinstance(request, SightingRequest):
+            task = asyncio.create_task(self._report(taken, request))
+        else:
+            assert self._client is not None
+            task = asyncio.create_task(self._carry_out(taken, request, self._client))
+        self._under_way.add(task)
+        task.add_done_callback(self._under_way.discard)
 
-    def _refusals(self, request: CommandRequest) -> Iterator[str]:
+    def _refusals(self, request: CommandRequest | SightingRequest) -> Iterator[str]:
         """Yield the reasons why a request is not sent."""
+        if len(self._under_way) >= UNDER_WAY_MAX:
+            yield f"{UNDER_WAY_MAX} commands are in progress: try again"
+        if isinstance(request, CommandRequest):
+            yield from self._command_faults(request)
+        elif fault := self._reports.fault(request):
+            yield fault
+
+    def _command_faults(self, request: CommandRequest) -> Iterator[str]:
         if self._client is None:
             yield f"this page is read-only: {self._read_only}"
         if request.verb not in self.rights.may:
             yield f"operator {self.rights.name} may not command {request.verb} from this page"
-        if len(self._under_way) >= UNDER_WAY_MAX:
-            yield f"{UNDER_WAY_MAX} commands are in progress: try again"
         yield from self._ring_faults(request)
         if request.vehicles is not None and (not request.vehicles or set(request.vehicles) - set(self._mission.ids)):
             yield f"select vehicles of the mission ({', '.join(map(str, self._mission.ids))})"
@@ -153,27 +172,42 @@ class Commands:
         asked = self._mission.ids if request.vehicles is None else request.vehicles
         return [each for each in asked if tactics.get(each) == Tactic.PILOT_OVERRIDE.value]
 
-    async def _carry_out(self, taken: _Taken, client: CommandClient) -> None:
+    async def _report(self, taken: _Taken, request: SightingRequest) -> None:
+        """Send a report of the target; its answer is which vehicles were on the bus."""
+        (x, y), sigma_m = request.position_m, request.sigma_m
+        by = f" by {self.rights.name}" if self.rights.name else ""
+        text = f"target reported from the page{by} at x {x:.1f} m, y {y:.1f} m, standard deviation {sigma_m:g} m"
+        try:
+            reached = await self._reports.send(request)
+        except VehicleRefusedError as refusal:
+            taken.answer(None, f"{_REFUSED}{refusal.reason}", is_obeyed=False, is_final=True)
+        else:
+            taken.answer(None, f"sent to {_named(reached)}", is_obeyed=True, is_final=True)
+            self._publish(EventPicture(0, None, time.time(), "information", text))
+
+    async def _carry_out(self, taken: _Taken, request: CommandRequest, client: CommandClient) -> None:
         """Send a request to all vehicles at once, or to each that it names."""
-        vehicles = taken.request.vehicles
+        vehicles = request.vehicles
         try:
             if vehicles is None:
-                await self._send(taken, client, self._mission.ids, None)
+                await self._send(taken, request, client, self._mission.ids, None)
             else:
-                each = (self._send(taken, client, (one,), one) for one in dict.fromkeys(vehicles))
+                each = (self._send(taken, request, client, (one,), one) for one in dict.fromkeys(vehicles))
                 await asyncio.gather(*each)
         except VehicleRefusedError as refusal:
             taken.answer(None, f"{_REFUSED}{refusal.reason}", is_obeyed=False, is_final=True)
         except InputError as error:
             taken.answer(None, f"{_REFUSED}{error.faults[0]}", is_obeyed=False, is_final=True)
 
-    async def _send(self, taken: _Taken, client: CommandClient, asked: Sequence[int], vehicle: int | None) -> None:
-        verb = taken.request.verb
+    async def _send(
+        self, taken: _Taken, request: CommandRequest, client: CommandClient, asked: Sequence[int], vehicle: int | None
+    ) -> None:
+        verb = request.verb
 
         def answered(sender: int, result: CommandResult) -> None:
             taken.answer(sender, result.did, is_obeyed=result.obeyed, is_final=result.is_final)
 
-        ring, number = taken.request.ring, taken.request.ring_number
+        ring, number = request.ring, request.ring_number
         faults = partial(ring_change_faults, self._mission, ring or RingValues(), ring=number or 0)
         results = await client.command(verb, asked, vehicle, ring, answered, ring_faults=faults, ring_number=number)
         for vehicle_id, result in results.items():
@@ -185,6 +219,7 @@ class Commands:
 
     async def _follow(self) -> None:
         """Join the bus with the operator's keys of the present flight, and leave that of an earlier one."""
+        await asyncio.to_thread(self._reports.follow)
         try:
             identity = await asyncio.to_thread(self._keys.identity, "operator", self._key)
             if self._client is not None and identity == self._identity:

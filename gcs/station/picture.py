@@ -5,14 +5,14 @@ recorded flight is a `FlightPicture`: the same in one object. Unknown values are
 mission frame: x, y, and the height above the mission's origin.
 """
 
-from typing import Literal
+from typing import Annotated, Literal
 
 import msgspec
 from msgspec import UNSET, UnsetType
 
 from agents.ring.commanded_ring import RingBounds
 from agents.settings.sections import EncirclementSettings
-from agents.team.messages import RingNumber, RingValues
+from agents.team.messages import TARGETS_MAX, RingNumber, RingValues
 from agents.team.verbs import VERBS, Verb, VerbRow
 from estimation.frames import Triple
 from gcs.console.advice import Severity
@@ -23,6 +23,8 @@ from gcs.style import COLOURS
 
 FlightSource = Literal["flight", "sitl", "hybrid", "bench", "simulation", "log", "unstated"]
 """The kind of the vehicles; "unstated" if it is not known whether real ones fly."""
+SIGHTING_LASTS_MAX_S = 60.0
+"""A page repeats a report of the target for this time at most."""
 
 
 class _Picture(msgspec.Struct, frozen=True, tag_field="kind", omit_defaults=False):
@@ -30,21 +32,29 @@ class _Picture(msgspec.Struct, frozen=True, tag_field="kind", omit_defaults=Fals
 
 
 class PlannedVehicle(msgspec.Struct, frozen=True):
-    """A vehicle of the mission: `colour` is #rrggbb, `fence_m` its geofence (a polygon, empty without one)."""
+    """A vehicle of the mission: `colour` is #rrggbb, `fence_m` its geofence (a polygon, empty without one).
+
+    `camera_url` is the address of its camera's stream, empty without one.
+    """
 
     vehicle_id: int
     colour: str
     start_m: Triple
     altitude_m: float
     fence_m: tuple[Pair, ...] = ()
+    camera_url: str = ""
 
 
 class OperatorRights(msgspec.Struct, frozen=True):
-    """The operator of this page and the permitted verbs; none for a read-only page, with the reason as a clause."""
+    """The operator of this page and the permitted verbs; none for a read-only page, with the reason as a clause.
+
+    `sights` is whether this computer has a sensor's keys, with which the page reports where the target is.
+    """
 
     name: str = ""
     may: tuple[Verb, ...] = ()
     read_only: str = ""
+    sights: bool = False
 
 
 class TilesPicture(msgspec.Struct, frozen=True):
@@ -67,6 +77,17 @@ class RingPicture(msgspec.Struct, frozen=True):
     colour: str
     ring: RingValues
     ring_bounds: RingBounds
+
+
+class ZonePicture(msgspec.Struct, frozen=True):
+    """A no-fly zone: a polygon, or a circle (then it has no corners), between two heights, None where it has no end."""
+
+    name: str
+    polygon_m: tuple[Pair, ...] = ()
+    center_m: Pair | None = None
+    radius_m: float | None = None
+    floor_m: float | None = None
+    ceiling_m: float | None = None
 
 
 class MissionPicture(_Picture, frozen=True, tag="mission"):
@@ -96,6 +117,7 @@ class MissionPicture(_Picture, frozen=True, tag="mission"):
     verbs: tuple[VerbRow, ...] = tuple(VERBS.values())
     targets: tuple[str, ...] | UnsetType = UNSET
     rings: tuple[RingPicture, ...] | UnsetType = UNSET
+    zones: tuple[ZonePicture, ...] = ()
 
 
 class TargetPicture(msgspec.Struct, frozen=True):
@@ -110,6 +132,16 @@ class TargetPicture(msgspec.Struct, frozen=True):
     covariance_m2: Triple
     sighting_age_s: float
     lost_speed_m_s: float | None = None
+
+
+class TrafficPicture(msgspec.Struct, frozen=True):
+    """An aircraft outside the team, as it reported itself `age_s` ago; its altitude is None if it is not known."""
+
+    label: str
+    position_m: Pair
+    velocity_m_s: Pair
+    altitude_m: float | None
+    age_s: float
 
 
 class LostPicture(msgspec.Struct, frozen=True):
@@ -137,6 +169,7 @@ class TeamPicture(_Picture, frozen=True, tag="team"):
     until the next messages.
 
     With several rings `target` and `ring` are None: `targets` and `rings` have those of all, in the mission's order.
+    `traffic` are aircraft outside the team that a vehicle has received in flight.
     """
 
     time_s: float | None
@@ -151,6 +184,7 @@ class TeamPicture(_Picture, frozen=True, tag="team"):
     ring: RingValues | None = None
     targets: tuple[TargetPicture | None, ...] | UnsetType = UNSET
     rings: tuple[RingValues | None, ...] | UnsetType = UNSET
+    traffic: tuple[TrafficPicture, ...] = ()
 
 
 class EventPicture(_Picture, frozen=True, tag="event"):
@@ -164,14 +198,35 @@ class EventPicture(_Picture, frozen=True, tag="event"):
     vehicle_id: int | None = None
 
 
+class ChecklistItemPicture(msgspec.Struct, frozen=True):
+    """An item of the mission's checklist, who has ticked it (empty: nobody), and when in Unix time.
+
+    A tick that is `used` was for the flight that has begun: the next one needs another.
+    """
+
+    text: str
+    required: bool
+    by: str = ""
+    wall_s: float | None = None
+    used: bool = False
+
+
+class ChecklistPicture(_Picture, frozen=True, tag="checklist"):
+    """The mission's checklist, whether this page may tick it, and why it cannot be read, empty if it can."""
+
+    items: tuple[ChecklistItemPicture, ...]
+    fault: str = ""
+    may_tick: bool = False
+
+
 class AnswerPicture(_Picture, frozen=True, tag="answer"):
     """An answer to a command of this page, `after_s` its first transmission; final for the vehicle if `is_final`.
 
-    A refusal of the server itself has vehicle None.
+    A refusal of the server itself has vehicle None, and so have the answers to a report of the target.
     """
 
     request: str
-    verb: Verb
+    verb: Verb | Literal["target"]
     vehicle_id: int | None
     did: str
     after_s: float
@@ -210,6 +265,31 @@ class CommandRequest(msgspec.Struct, frozen=True, tag_field="kind", tag="command
     ring_number: RingNumber | None = None
 
 
+class SightingRequest(msgspec.Struct, frozen=True, tag_field="kind", tag="sighting", forbid_unknown_fields=True):
+    """An operator's report from a page of where the target is, with the standard deviation of the position.
+
+    It is repeated for `lasting_s`. `target` is the number of one of several targets, None of a mission's only one.
+    """
+
+    request: str
+    position_m: Pair
+    sigma_m: Annotated[float, msgspec.Meta(gt=0.0, le=1000.0)]
+    lasting_s: Annotated[float, msgspec.Meta(ge=0.0, le=SIGHTING_LASTS_MAX_S)] = 0.0
+    target: Annotated[int, msgspec.Meta(ge=0, lt=TARGETS_MAX)] | None = None
+
+    @property
+    def verb(self) -> Literal["target"]:
+        """What its answers name."""
+        return "target"
+
+
+class TickRequest(msgspec.Struct, frozen=True, tag_field="kind", tag="tick", forbid_unknown_fields=True):
+    """A tick of an item of the checklist by its number, or the removal of its tick."""
+
+    item: Annotated[int, msgspec.Meta(ge=0)]
+    ticked: bool
+
+
 class RecoveredRequest(msgspec.Struct, frozen=True, tag_field="kind", tag="recovered", forbid_unknown_fields=True):
     """An operator's confirmation on a page that a vehicle, which was unaccounted for, was recovered."""
 
@@ -238,6 +318,10 @@ def mission_picture(
         operator=operator or OperatorRights(),
         targets=tuple(each.name for each in mission.every_target) if rings else UNSET,
         rings=rings or UNSET,
+        zones=tuple(
+            ZonePicture(each.name, each.polygon_m, each.center_m, each.radius_m, each.floor_m, each.ceiling_m)
+            for each in safety.no_fly
+        ),
     )
 
 
@@ -276,4 +360,5 @@ def _planned(mission: Mission, row: int, vehicle: MissionVehicle) -> PlannedVehi
         (*section.start_m, 0.0),
         section.altitude_m,
         tuple(section.limits(mission.safety).fence_m or ()),
+        section.camera_url or "",
     )

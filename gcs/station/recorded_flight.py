@@ -10,7 +10,7 @@ from msgspec.structs import replace
 
 from agents.flight_end import FlightEnd
 from agents.inputs import Start
-from agents.safety.fence import Fence
+from agents.safety.fence import Area
 from agents.team.messages import RingValues
 from gcs.console.rings import ring_names
 from gcs.console.vehicle_view import VehicleView, with_surroundings
@@ -19,7 +19,7 @@ from gcs.flightlog.reader import FlightLog
 from gcs.flightlog.records import Decision, VehicleEnd
 from gcs.flightlog.run import mission_of
 from gcs.metrics.ending import TeamEnding, VehicleEnding
-from gcs.mission.geometry import fences
+from gcs.mission.geometry import areas
 from gcs.mission.mission import Mission
 from gcs.station.picture import (
     EventPicture,
@@ -96,10 +96,10 @@ def recorded_flight(
     recorded = sorted(_recorded(logs), key=lambda each: mission.ids.index(each[1]))
     vehicles = [RecordedVehicle(*each, ring_names(mission)) for each in recorded]
     samples = [each.sampled(clock.times_s()) for each in vehicles]
-    fence_of = fences([each.section for each in mission.vehicles], mission.safety)
+    area_of = areas([each.section for each in mission.vehicles], mission.safety)
     seen_targets = [SeenTarget(mission, each) for each in mission.every_target]
     teams = [
-        _team(clock, time_s, mission, row, fence_of, duration_s, seen_targets)
+        _team(clock, time_s, mission, row, area_of, duration_s, seen_targets)
         for time_s, *row in zip(clock.times_s(), *samples, strict=True)
     ]
     teams[-1] = replace(teams[-1], ending=_ending(logs))
@@ -116,7 +116,7 @@ def _team(
     time_s: float,
     mission: Mission,
     sampled: Sequence[Sampled],
-    fence_of: Mapping[int, Fence],
+    area_of: Mapping[int, Area],
     duration_s: float,
     seen_targets: Sequence[SeenTarget],
 ) -> TeamPicture:
@@ -124,7 +124,7 @@ def _team(
     places_m = {each.vehicle_id: each.position_m[:2] for each in flying if each.position_m is not None}
     since_s = clock.mission_s(time_s)
     rings = mission.rings
-    vehicles = {each.vehicle.vehicle_id: _surrounded(each.vehicle, places_m, fence_of) for each in sampled}
+    vehicles = {each.vehicle.vehicle_id: _surrounded(each.vehicle, places_m, area_of) for each in sampled}
     estimates = [each for each in sampled if not (each.vehicle.has_ended or each.vehicle.is_stale)]
     targets = tuple(
         seen.picture(_target([each.target for each in estimates if not rings or rings[each.ring].target == k]), time_s)
@@ -150,9 +150,9 @@ def _with_ring(team: TeamPicture, number: int, values: RingValues) -> TeamPictur
 
 
 def _surrounded(
-    vehicle: VehicleView, places_m: Mapping[int, tuple[float, float]], fence_of: Mapping[int, Fence]
+    vehicle: VehicleView, places_m: Mapping[int, tuple[float, float]], area_of: Mapping[int, Area]
 ) -> VehicleView:
-    view = with_surroundings(vehicle, places_m, fence_of)
+    view = with_surroundings(vehicle, places_m, area_of)
     nearest_m, margin_m = (None if each is None else round(each, 2) for each in (view.nearest_m, view.fence_margin_m))
     return replace(view, nearest_m=nearest_m, fence_margin_m=margin_m)
 

@@ -26,8 +26,10 @@ from starlette.websockets import WebSocket, WebSocketDisconnect
 from uvicorn.protocols.websockets.websockets_sansio_impl import WebSocketsSansIOProtocol
 
 from agents.ports import VehicleRefusedError
+from gcs.checklist import Checklist
 from gcs.station.access import Access, AccessGate
 from gcs.station.broadcast import Broadcast, Reading, Source
+from gcs.station.checklist_board import ChecklistBoard
 from gcs.station.commands import Commands
 from gcs.station.picture import (
     CommandRequest,
@@ -36,6 +38,8 @@ from gcs.station.picture import (
     OperatorRights,
     ReceiptPicture,
     RecoveredRequest,
+    SightingRequest,
+    TickRequest,
 )
 from gcs.station.tiles import MapTiles
 from gcs.viewer.connections import ConnectionLimits, ListeningSocket, listening_sockets
@@ -52,6 +56,7 @@ LEFT_AFTER_S = 30.0
 """A station that outlives its flight ends when no page has been open for this long."""
 RECORDED = '{"kind":"recorded"}'
 """The only message about a recorded flight."""
+_Request = CommandRequest | SightingRequest | RecoveredRequest | TickRequest
 _MALFORMED, _TOO_MANY = 1007, 1013
 _TILE_PLACE = re.compile("([0-9]{1,2})/([0-9]{1,8})/([0-9]{1,8})")
 
@@ -60,12 +65,17 @@ class Stream:
     """The WebSocket of live pages: pictures, events and answers out, requests of commands in."""
 
     def __init__(
-        self, broadcast: Broadcast, commands: Commands, recover: Callable[[int], object] = lambda _vehicle_id: None
+        self,
+        broadcast: Broadcast,
+        commands: Commands,
+        recover: Callable[[int], object] = lambda _vehicle_id: None,
+        tick: Callable[[TickRequest], object] = lambda _tick: None,
     ) -> None:
-        """Take the content for pages, and the receivers of their requests and of confirmed recoveries of vehicles."""
+        """Take the content for pages, and the receivers of their requests, of confirmed recoveries, and of ticks."""
         self._broadcast = broadcast
         self._commands = commands
         self._recover = recover
+        self._tick = tick
         self.pages = 0
         """Number of open pages."""
 
@@ -95,13 +105,15 @@ class Stream:
     async def _listen(self, page: WebSocket, reading: Reading) -> None:
         while (message := await page.receive())["type"] != "websocket.disconnect":
             try:
-                request = msgspec.json.decode(message.get("text") or "", type=CommandRequest | RecoveredRequest)
+                request = msgspec.json.decode(message.get("text") or "", type=_Request)
             except (msgspec.DecodeError, RecursionError) as error:  # a msgspec.ValidationError is one
                 with suppress(WebSocketDisconnect, RuntimeError):  # the page has disconnected meanwhile
                     await page.close(_MALFORMED, str(error)[:100])
                 return
             if isinstance(request, RecoveredRequest):
                 self._recover(request.vehicle_id)
+            elif isinstance(request, TickRequest):
+                self._tick(request)
             else:
                 self._broadcast.answer(reading, ReceiptPicture(request.request))
                 self._commands.take(request, lambda answer: self._broadcast.answer(reading, answer))
@@ -159,6 +171,9 @@ def _with_tiles(mission: MissionPicture, tiles: MapTiles | None) -> MissionPictu
     return mission if tiles is None else replace(mission, tiles=tiles.picture)
 
 
+_NO_CHECKLIST = Checklist("", ())
+
+
 async def serve_team(
     source: Source,
     commands: Callable[[Broadcast], Commands],
@@ -168,6 +183,7 @@ async def serve_team(
     page: Path = PAGE,
     tiles: MapTiles | None = None,
     outlives: Callable[[], bool] = lambda: False,
+    checklist: Checklist = _NO_CHECKLIST,
 ) -> None:
     """Serve the pages of a running team until `stop`; raises InputError when the source does.
 
@@ -175,15 +191,18 @@ async def serve_team(
     """
     broadcast = Broadcast()
     ours = commands(broadcast)
-    stream = Stream(broadcast, ours, source.recover)
+    board = ChecklistBoard(checklist, lambda: ours.name)
+    stream = Stream(broadcast, ours, source.recover, lambda given: board.tick(given.item, ticked=given.ticked))
 
     def publish(rights: OperatorRights) -> None:
         broadcast.publish(_with_tiles(source.mission(rights), tiles))
 
+    serving = asyncio.create_task(serve(live_app(stream, tiles), access, listening, stop, page))
     running = [
         asyncio.create_task(source.run(broadcast.publish)),
         asyncio.create_task(ours.run(publish)),
-        asyncio.create_task(serve(live_app(stream, tiles), access, listening, stop, page)),
+        asyncio.create_task(board.run(broadcast.publish)),
+        serving,
         asyncio.create_task(_left(stream, outlives)),
     ]
     try:
@@ -192,8 +211,9 @@ async def serve_team(
             task.result()
     finally:
         stop.set()
-        for task in (*running[:2], running[3]):
-            task.cancel()
+        for task in running:
+            if task is not serving:
+                task.cancel()
         await asyncio.gather(*running, return_exceptions=True)
 
 

@@ -35,10 +35,11 @@ from gcs.console.vehicle_view import (
     with_unaccounted,
 )
 from gcs.metrics.ending import AUTOPILOTS_ALONE, UNACCOUNTED, WATCH_THEM, LostFlight, named
-from gcs.mission.geometry import fences
+from gcs.mission.geometry import areas
 from gcs.mission.mission import Mission
 from gcs.station.picture import EventPicture, LostPicture, TargetPicture, TeamPicture
 from gcs.station.seen_target import SeenTarget
+from gcs.station.traffic import SeenTraffic
 
 VANISHED_AFTER_S = 3.0
 """A team whose messages stop all at once for this long has lost its processes, or this computer its network."""
@@ -110,7 +111,8 @@ class TeamPictures:
         self._rings = mission.rings
         self._targets = len(mission.targets)
         self._seen_targets = [SeenTarget(mission, each) for each in mission.every_target]
-        self._fences = fences([each.section for each in mission.vehicles], mission.safety)
+        self._areas = areas([each.section for each in mission.vehicles], mission.safety)
+        self._traffic = SeenTraffic()
         self._names = ring_names(mission)
         self._state = TeamState(mission.ids, rings=self._names)
         self._numbers = count(1)
@@ -136,6 +138,7 @@ class TeamPictures:
             case MemberState():
                 received.state, received.state_s = message, now_s
                 self._follow_ring(received, message)
+                self._traffic.take(message, now_s)
                 sighted = [each.time_s for each in message.sightings if self._is_of_ring(each, received.ring)]
                 received.sighted_s = max(sighted, default=received.sighted_s)
             case VehicleReport():
@@ -230,6 +233,7 @@ class TeamPictures:
             None if self._rings else rings[0],
             targets if self._rings else UNSET,
             rings if self._rings else UNSET,
+            self._traffic.pictures(now_s),
         )
 
     def _commanded_ring(self, number: int) -> RingValues | None:
@@ -301,7 +305,7 @@ class TeamPictures:
             since_s = now_s - max(received.state_s, received.report_s)
             clock_s = max(_time_s(received.state), received.report.time_s) + since_s
             view = with_report(view, received.report, now_s - received.report_s, clock_s)
-        view = with_surroundings(view, places_m, self._fences)
+        view = with_surroundings(view, places_m, self._areas)
         if vehicle_id in self._unaccounted:
             return with_unaccounted(received.with_last_position(view, now_s))
         return with_alert(view, "" if has_ended else own_alert or lost, is_lost=bool(lost))

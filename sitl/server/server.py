@@ -21,10 +21,12 @@ from sitl.faults import VehicleFaults, VehicleInjection, shifted
 from sitl.mavlink.protocol import MavlinkVehicle
 from sitl.mavlink.reports import EstimatorNoise, MavlinkConfig
 from sitl.mavlink.signing import SigningKey
+from sitl.mavlink_constants import Outgoing
 from sitl.server.endpoint import LOOPBACK, Endpoint, StubClock, bound
 from sitl.server.governed_clock import GovernedClock, MotionTransit, SetpointTransit
 from sitl.server.setpoint_stream import SetpointStream
 from sitl.server.true_state import TrueState
+from sitl.vehicle.mount import Mount
 
 WAKE_PERIOD_S = 0.004
 """The shortest wall time between two updates by the wall's clock: at high speed an update takes several steps."""
@@ -57,6 +59,7 @@ class StubConfig:
     among its `parameters` make it look like a board. With a `height_error_m` its heights are off from the start, as the
     altitudes of GPS receivers are; clearing its faults ends that. If it `awaits_stream`, a governed
     time waits for the setpoints of a client that is no participant: a busy computer does not end its offboard flight.
+    With a `gimbal` it has a camera on a simulated mount.
     """
 
     vehicle_id: int
@@ -80,6 +83,7 @@ class StubConfig:
     signing_key: SigningKey | None = None
     uid: int | None = None
     awaits_stream: bool = False
+    gimbal: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -183,6 +187,7 @@ class Stub:
             (*place_m, 0.0),
             battery=Battery(battery_fraction),
             positioning=Positioning(config.gps, config.localised, config.external),
+            mount=Mount() if config.gimbal else None,
         )
         for name, value in config.parameters.items():
             if not self.autopilot.parameters.set(name, value):
@@ -229,6 +234,10 @@ class Stub:
     def send_heartbeat(self) -> None:
         """Send a heartbeat beside those that are due."""
         self.endpoint.send(self._vehicle.heartbeat())
+
+    def hear(self, report: Outgoing) -> None:
+        """Pass on a message that a receiver on board hears: its id and its fields, such as those of ADSB_VEHICLE."""
+        self.endpoint.send(self._vehicle.pass_on(report))
 
     def on_motion(self, ned: tuple[float, ...]) -> None:
         """Take position and velocity in NED that are about to be sent; implements the protocol's `Observer`."""

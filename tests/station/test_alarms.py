@@ -6,7 +6,7 @@ from playwright.sync_api import Page, expect
 
 from gcs.console.vehicle_view import NextView
 from gcs.station.picture import EventPicture, LostPicture, TeamPicture
-from tests.station.conftest import NO_WEBGL, pass_time, stopped
+from tests.station.conftest import NO_WEBGL, OpenPage, pass_time, stopped
 from tests.support.page.canned_station import RATE_HZ, CannedStation
 from tests.support.page.station_pictures import changed, ring_mission, ring_team
 
@@ -244,3 +244,48 @@ def test_a_lost_flight_is_shown_with_what_controls_the_vehicles_and_a_clock_that
 def seconds(page: Page) -> int:
     minutes, seconds = page.locator("#lost-since").inner_text().split(":")
     return 60 * int(minutes) + int(seconds)
+
+
+SPEECH = """
+window.said = [];
+window.SpeechSynthesisUtterance = class { constructor(text) { this.text = text; } };
+Object.defineProperty(window, "speechSynthesis", {
+  value: { speak: ({ text }) => said.push(text), cancel: () => said.push("") },
+});
+"""
+
+
+def test_a_voice_says_alarms_once_it_is_turned_on(open_page: OpenPage) -> None:
+    mission = ring_mission()
+    alert = ""
+
+    def team(time_s: float) -> TeamPicture:
+        severity = "alarm" if alert else "information"
+        return changed(ring_team(mission, time_s), 2, alert=alert, advice="Take over." * bool(alert), severity=severity)
+
+    with CannedStation(mission, team) as station:
+        page = open_page(station.url, script=NO_WEBGL + SPEECH)
+        voice = page.locator("#voice")
+        expect(voice).to_have_text("Voice off")
+        alert = "GPS jammed"
+        expect(page.locator("#alarms li")).to_have_count(1)
+        assert page.evaluate("said") == []
+        voice.click()
+        expect(voice).to_have_text("Voice on")
+        alert = "link lost"
+        expect(page.locator("#alarms")).to_contain_text("link lost")
+        assert page.evaluate("said") == ["Voice on", "Alarm. Vehicle 2: link lost. Take over."]
+        voice.click()
+        alert = "battery low"
+        expect(page.locator("#alarms")).to_contain_text("battery low")
+        assert page.evaluate("said.slice(2)") == [""]
+
+
+def test_without_a_voice_of_the_browser_there_is_no_button(open_page: OpenPage) -> None:
+    silent = (
+        "delete Window.prototype.speechSynthesis; Object.defineProperty(window, 'speechSynthesis', { value: null });"
+    )
+    with CannedStation(ring_mission(), lambda time_s: ring_team(ring_mission(), time_s)) as station:
+        page = open_page(station.url, script=NO_WEBGL + silent)
+        expect(page.locator("#sound")).to_be_visible()
+        expect(page.locator("#voice")).to_be_hidden()

@@ -7,10 +7,12 @@ from typing import Any, Literal, get_args, get_origin
 from pydantic.fields import FieldInfo
 from pydantic_core import PydanticUndefined
 
+from agents.settings.sections import NoFlySection, RallySection
 from estimation.plant.model import Identification
 from estimation.profile.profile import AxisSection, LimitsSection, ProfileFile
 from estimation.settings import OwnFilterSettings, Settings
 from gcs.mission.mission import (
+    ChecklistItem,
     EvadesSection,
     LegSection,
     RingKeys,
@@ -25,6 +27,8 @@ from tests.support.units import unit
 
 _MISSION: dict[str, type[Settings]] = {
     **{f"[{name}]": model for name, model in SECTIONS.items()},
+    "[[safety.no_fly]]": NoFlySection,
+    "[[safety.rally]]": RallySection,
     "[network.security]": SecuritySection,
     "[links.NAME]": SharedLinkSection,
     "[target.sensor]": SensorSection,
@@ -32,6 +36,7 @@ _MISSION: dict[str, type[Settings]] = {
     "[target.evades]": EvadesSection,
     "[[rings]]": RingKeys,
     "[[vehicles]]": VehicleSection,
+    "[[checklist]]": ChecklistItem,
 }
 _PROFILE: dict[str, type[Settings]] = {
     "Above all sections": ProfileFile,

@@ -11,6 +11,7 @@ import sys
 import time
 from collections.abc import Callable, Iterable
 from contextlib import suppress
+from datetime import datetime
 from math import dist
 from pathlib import Path
 
@@ -19,6 +20,8 @@ import psutil
 import pytest
 
 from agents.ports import VehicleRefusedError
+from gcs.flightlog.audit import AuditEntry, audit_line
+from gcs.flightlog.reader import read_log
 from gcs.metrics.ending import UNACCOUNTED
 from gcs.station import station_process
 from gcs.station.picture import FlightPicture
@@ -149,6 +152,44 @@ def test_a_signal_ends_a_flight_whose_page_does_not_start(
             flight.kill()
             with suppress(psutil.NoSuchProcess):
                 page.kill()
+
+
+CHECKLIST = (
+    "[target]\n",
+    '[[checklist]]\ntext = "Propellers tight"\n\n[[checklist]]\ntext = "Flag up"\nrequired = false\n\n[target]\n',
+)
+
+
+async def test_a_flight_arms_nothing_until_the_page_has_ticked_the_checklist(
+    mission_file: Callable[..., str], tmp_path: Path
+) -> None:
+    address, log = f"{LOOPBACK}:{free_port()}", tmp_path / "flight.mcap"
+    path = mission_file("case2", LOW, CHECKLIST)
+    flight = ("fly", path, "--sitl", "--speed", "max", "--duration", "5", "--log", str(log))
+    with cordon(*flight, "--station", "--station-address", address) as process:
+        assert process.stderr is not None
+        port, secret = entered(process.stderr.readline())
+        async with stream(port, secret) as page:
+            shown = await received(page, "checklist")
+            assert [each["text"] for each in shown["items"]] == ["Propellers tight", "Flag up"]
+            assert [each["required"] for each in shown["items"]] == [True, False]
+            waiting = await asyncio.to_thread(lines_to, process.stderr, "[ ] Propellers tight")
+            assert "waiting for the checklist" in "".join(waiting)
+            await asyncio.sleep(1.0)
+            team = await received(page, "team")
+            assert all(each["position_m"] is None or each["position_m"][2] < 0.5 for each in team["vehicles"])
+            ticked_s = time.time()
+            await page.send(json.dumps({"kind": "tick", "item": 0, "ticked": True}))
+            while not (by := (await received(page, "checklist"))["items"][0]["by"]):
+                pass
+            _, err = await asyncio.to_thread(process.communicate)
+    assert process.returncode in (0, 1), err
+    entries = [each.read(AuditEntry) for each in read_log(log).run_records if each.kind is AuditEntry]
+    (tick,) = [each for each in entries if each.event == "ticked"]
+    assert (tick.operator, tick.command) == (by, 1)
+    assert tick.did.startswith("Propellers tight (")
+    assert abs(datetime.fromisoformat(tick.did.partition("(")[2].rstrip(")")).timestamp() - ticked_s) < PATIENCE_S
+    assert by in audit_line(tick)
 
 
 async def test_the_page_outlives_a_flight_whose_process_is_killed_and_says_what_controls_the_vehicles(

@@ -93,12 +93,12 @@ def sheet_of(
     points_max: int | None = None,
 ) -> Sheet:
     """Return the data of all panels of a flight over these rings, its mission's."""
-    sheet = Sheet(record, result, rings[0], formation, ring_motion(record, rings[0].gaps), points_max)
+    sheet = Sheet(record, result, rings[0], formation, ring_motion(record, rings[0].gaps, rings[0].bend), points_max)
     team = tuple(track.vehicle_id for track in record.vehicles)
     sheets = []
     for number, (named, ring) in enumerate(zip(result.rings, rings, strict=bool(result.rings))):
         alone = record.of_ring(number).of_vehicles({vehicle.id for vehicle in named.result.vehicles})
-        motion = ring_motion(alone, ring.gaps)
+        motion = ring_motion(alone, ring.gaps, ring.bend)
         sheets.append(Sheet(alone, named.result, ring, formation, motion, points_max, named.name, team))
     return replace(sheet, rings=tuple(sheets))
 

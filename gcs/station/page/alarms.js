@@ -11,10 +11,11 @@ const VIBRATION_MS = [200, 100, 200];
 export const STATION_LOST = "No connection to the station";
 
 export class Alarms {
-  /** @param {HTMLElement} list of alarms @param {Sound} sound @param {HTMLElement} live an assertive live region */
-  constructor(list, sound, live) {
+  /** @param {HTMLElement} list of alarms @param {Sound} sound @param {Voice} voice @param {HTMLElement} live an assertive live region */
+  constructor(list, sound, voice, live) {
     this.list = list;
     this.sound = sound;
+    this.voice = voice;
     this.live = live;
     this.alarms = new Map();
     byId("acknowledge").addEventListener("click", () => this.acknowledge());
@@ -84,7 +85,9 @@ export class Alarms {
   }
 
   #announce(news) {
-    setText(this.live, grouped(news).map((group) => `Alarm. ${words(group)}. ${group[0].advice}`).join(" "));
+    const said = grouped(news).map((group) => `Alarm. ${words(group)}. ${group[0].advice}`).join(" ");
+    setText(this.live, said);
+    this.voice.say(said);
     this.sound.play();
   }
 

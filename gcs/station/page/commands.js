@@ -2,6 +2,7 @@
 
 import { byId, element, setText } from "./dom.js";
 import { actWhenHeld, ignoreKeyRepeat } from "./hold_button.js";
+import { PlacePrompt } from "./place_prompt.js";
 import { AssignPrompt, KillPrompt, PilotPrompt, RingPrompt } from "./prompts.js";
 import { flownRing, ringsOf } from "./rings.js";
 import { age, vehicleNames } from "./units.js";
@@ -9,6 +10,7 @@ import { age, vehicleNames } from "./units.js";
 const REQUESTS_MAX = 20;
 const DELIVERED_WITHIN_MS = 1500;
 const PILOT = "pilot override";
+const NOT_SENT = "No connection to the station: press again once it is restored.";
 const HOLD = { verb: "hold", key: "h" };
 
 export class Commands {
@@ -22,6 +24,7 @@ export class Commands {
     this.pilot = new PilotPrompt((verb, target, overrides) => this.#request(verb, target, { overrides_pilot: overrides }));
     this.ring = new RingPrompt((verb, target, ring) => this.#request(verb, target, ring));
     this.assign = new AssignPrompt((verb, target, ring) => this.#request(verb, { ...target, isAll: false }, ring));
+    this.place = new PlacePrompt();
     selection.changed(() => this.#showTarget());
     byId("select-all").addEventListener("click", () => selection.clear());
     byId("hold-all").addEventListener("click", () => this.#hold(this.#everyone()));
@@ -47,6 +50,21 @@ export class Commands {
     this.hold = offered.find(({ name }) => name === HOLD.verb);
     byId("hold-all").hidden = !this.hold;
     this.#showTarget();
+  }
+
+  /** What can be sent about a place, in metres and as text, for the map's menu. */
+  choices(point_m, place) {
+    if (this.mission.source === "log") return [];
+    const why = this.mission.operator.sights ? "" : "no sensor's keys here";
+    return [{ name: "The target is here…", why, act: () => this.#askTarget(point_m, place) }];
+  }
+
+  #askTarget(position_m, place) {
+    this.place.askTarget(place, this.mission.targets ?? [], ({ sigma_m, lasting_s, target }) => {
+      const id = requestName();
+      const isSent = this.send({ kind: "sighting", request: id, position_m, sigma_m, lasting_s, target });
+      this.#add({ label: `target at ${place}` }, null, isSent ? "" : NOT_SENT, id);
+    });
   }
 
   get #processesEnded() {
@@ -162,11 +180,11 @@ export class Commands {
     const vehicles = target.isAll ? null : target.vehicles;
     const id = requestName();
     const isSent = this.send({ kind: "command", request: id, verb: verb.name, vehicles, ...confirmations });
-    this.#add(verb, target, isSent ? "" : "No connection to the station: press again once it is restored.", id);
+    this.#add(verb, target, isSent ? "" : NOT_SENT, id);
     this.selection.clear();
   }
 
-  /** Show a request; `unsent` is why it was not sent, empty if it was. */
+  /** Show a request, with the vehicles that it is for or null; `unsent` is why it was not sent, empty if it was. */
   #add(verb, target, unsent, id = requestName()) {
     const request = { verb, target, unsent, isLost: false, isDelivered: false, isSlow: false, answers: new Map(), item: element("li", { "data-request": id }) };
     request.sentAt = new Date().toLocaleTimeString([], { hour12: false });
@@ -192,7 +210,8 @@ export class Commands {
   }
 
   #showRequest(request) {
-    const head = `${request.sentAt} ${title(request.verb)}, ${vehicleNames(request.target.vehicles, request.target.all)}`;
+    const { target } = request;
+    const head = `${request.sentAt} ${title(request.verb)}${target ? `, ${vehicleNames(target.vehicles, target.all)}` : ""}`;
     const answers = [...request.answers.values()].map(answerRow);
     request.item.replaceChildren(element("strong", {}, head), element("ul", {}, ...answers, ...openRow(request)));
   }
@@ -229,7 +248,7 @@ function shortNames(vehicles, all) {
 function answerRow(answer) {
   const who = answer.vehicle_id === null ? "Station" : `Vehicle ${answer.vehicle_id}`;
   const sign = answer.is_obeyed ? "✓" : "✗";
-  const after = answer.vehicle_id === null ? "" : `, after ${age(answer.after_s)}`;
+  const after = answer.vehicle_id === null && !answer.is_obeyed ? "" : `, after ${age(answer.after_s)}`;
   const attributes = { "data-obeyed": String(answer.is_obeyed), "data-final": String(answer.is_final) };
   return element("li", attributes, `${answer.is_final ? sign : "…"} ${who}: ${answer.did}${after}`);
 }
@@ -237,9 +256,10 @@ function answerRow(answer) {
 /** The vehicles that have not answered a request yet. */
 function openRow(request) {
   if (request.unsent) return [element("li", {}, `✗ Not sent. ${request.unsent}`)];
-  const open = request.target.vehicles.filter((id) => !request.answers.get(id)?.is_final);
-  if (!open.length || request.answers.has(null)) return [];
-  const names = vehicleNames(open, request.target.all);
+  if (request.answers.has(null)) return [];
+  const open = request.target?.vehicles.filter((id) => !request.answers.get(id)?.is_final);
+  if (open?.length === 0) return [];
+  const names = open ? vehicleNames(open, request.target.all) : "the station";
   if (request.isLost) {
     const what = request.isDelivered ? `${names} answered` : "it was delivered to the station";
     return [element("li", {}, `▲ Connection lost before ${what}. Watch the vehicles. The command is not repeated.`)];

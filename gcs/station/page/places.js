@@ -21,6 +21,12 @@ export function placeText(mission, point_m) {
   return `${latitude_deg.toFixed(6)}, ${longitude_deg.toFixed(6)}`;
 }
 
+/** A point of the mission as text in metres, and with an origin in degrees as well. @param {number[]} point_m */
+export function fullPlaceText(mission, point_m) {
+  const metres = `x ${point_m[0].toFixed(1)} m, y ${point_m[1].toFixed(1)} m`;
+  return mission.origin_deg ? `${metres}; ${placeText(mission, point_m)}` : metres;
+}
+
 /** A point of the map as text. @param {number[]} lonLat_deg longitude and latitude, on the map's sphere in a local frame */
 export function mapPlaceText(mission, lonLat_deg) {
   return placeText(mission, frameOf(mission).point_m(lonLat_deg));

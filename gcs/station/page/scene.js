@@ -3,10 +3,13 @@
 import { byId, setAttribute, setText } from "./dom.js";
 import { Frame } from "./frame.js";
 import { labelPlaces } from "./labels.js";
-import { namePlace, planMarks, teamMarks, trailMarks } from "./marks.js";
-import { copy, copyOnClick, mapPlaceText, placeText } from "./places.js";
+import { MapMenu } from "./map_menu.js";
+import { namePlace, planMarks, teamMarks, trailMarks, zoneMiddle } from "./marks.js";
+import { Measure } from "./measure.js";
+import { copy, copyOnClick, fullPlaceText, placeText } from "./places.js";
+import { Pointing } from "./pointing.js";
 import { flownRing, ringsOf, targetNames, targetsOf } from "./rings.js";
-import { ringSymbol, showTarget, showVehicle, targetSymbol, vehicleSymbol } from "./symbols.js";
+import { ringSymbol, showTarget, showTraffic, showVehicle, targetSymbol, trafficSymbol, vehicleSymbol, zoneSymbol } from "./symbols.js";
 import { atMostEvery } from "./throttle.js";
 import { byTrouble, trouble } from "./vehicles.js";
 import { Tiles } from "./tiles.js";
@@ -18,6 +21,7 @@ const ZOOM_MAX = 21.5;
 const TRAIL_EVERY_MS = 500;
 /** Layers: source, name, the colour (a CSS variable, or the vehicle's), width, dashes, and the switch that hides it. */
 const LINES = [
+  ["plan", "zone", "--alarm", 1.5, null, "zones"],
   ["plan", "fence", "--fence", 2.5, null, "fence"],
   ["plan", "start", null, 2, null, "starts"],
   ["trails", "trail", null, 2, null, "trails"],
@@ -27,22 +31,31 @@ const LINES = [
   ["team", "ellipse", "--ink", 1, null, "uncertainty"],
   ["team", "reach", "--warning", 2, [4, 3], "uncertainty"],
   ["team", "velocity", "--ink", 3, null, "uncertainty"],
+  ["team", "camera", null, 1, [1, 2], "cameras"],
+  ["team", "traffic", "--alarm", 2, null, "traffic"],
   ["team", "separation", null, 1.5, null, "separation"],
   ["team", "stale", null, 1.5, [2, 3], "separation"],
   ["team", "setpoint", null, 1.2, [2, 2], "setpoints"],
+  ["measured", "measured", "--accent", 2.5, [2, 1], ""],
 ];
 const AREAS = [
-  ["keep-out", "--alarm", 0.12],
-  ["ellipse", "--ink", 0.15],
-  ["reach", "--warning", 0.1],
+  ["zone", "--alarm", 0.18, "plan"],
+  ["keep-out", "--alarm", 0.12, "team"],
+  ["ellipse", "--ink", 0.15, "team"],
+  ["reach", "--warning", 0.1, "team"],
+  ["camera", "--ink", 0.06, "team"],
 ];
 
 maplibre.setWorkerUrl(import.meta.resolve("./vendor/maplibre-gl-worker.mjs")); // in a report it is not beside the library
 
 export class Scene {
-  /** @param {HTMLElement} container @param {Selection} selection @param {function(): Object} headers of requests for tiles */
-  constructor(container, selection, headers) {
+  /**
+   * @param {HTMLElement} container @param {Selection} selection @param {function(): Object} headers of requests for tiles
+   * @param {function(number[], string): Object[]} choices what a menu offers at a place in metres, which the text describes
+   */
+  constructor(container, selection, headers, choices) {
     this.selection = selection;
+    this.choices = choices;
     this.isFollowing = true;
     this.drawTrails = atMostEvery(TRAIL_EVERY_MS, (past) => this.#trails(past));
     this.map = new maplibre.Map({
@@ -57,8 +70,11 @@ export class Scene {
     this.map.on("dragstart", () => this.#follow(false));
     this.map.on("moveend", () => this.team && this.#placeLabels());
     this.map.on("resize", () => Object.assign(this, { hasFitted: false }));
-    this.map.on("mousemove", ({ lngLat }) => this.#showCursor(lngLat));
-    this.map.on("click", ({ lngLat }) => this.#copyCursor(lngLat));
+    this.map.on("mousemove", ({ point }) => this.#pointAt(point));
+    this.map.on("click", ({ point }) => this.#take(point) || this.#copyCursor(point));
+    this.pointing = new Pointing(this.map, this.#openMenu.bind(this), this.#pointAt.bind(this), this.#take.bind(this));
+    this.menu = new MapMenu(container, () => this.pointing.focus());
+    this.measure = new Measure((marks) => this.map.getSource("measured")?.setData(marks));
     byId("places").hidden = false;
     copyOnClick(byId("places"));
     this.isLoaded = this.map.once("load");
@@ -71,15 +87,25 @@ export class Scene {
     await this.isLoaded;
     this.mission = mission;
     this.frame = new Frame(mission);
+    this.measure.start(mission, this.frame);
     this.tiles.start(mission.tiles);
     for (const { marker } of this.symbols?.values() ?? []) marker.remove();
-    for (const { marker } of [...(this.targets ?? []), ...(this.ringNames ?? [])]) marker.remove();
+    for (const { marker } of [...(this.targets ?? []), ...(this.ringNames ?? []), ...(this.traffic?.values() ?? [])]) marker.remove();
+    this.traffic = new Map();
     this.symbols = new Map(mission.vehicles.map((planned) => [planned.vehicle_id, this.#vehicle(planned)]));
     this.targets = targetNames(mission).map((name) => this.#marked(targetSymbol(name)));
     this.ringNames = (mission.rings ?? []).map((ring) => this.#marked(ringSymbol(ring)));
-    this.map.getSource("plan").setData(planMarks(mission, this.frame));
+    this.showPlan(mission);
     this.fit(mission.vehicles.map((planned) => planned.start_m), 0);
     this.#showSelection();
+  }
+
+  /** Draw the fence, the no-fly zones and the starts of a mission. */
+  showPlan(mission) {
+    this.map.getSource("plan").setData(planMarks(mission, this.frame));
+    for (const { marker } of this.zones ?? []) marker.remove();
+    this.zones = (mission.zones ?? []).map((zone) => this.#marked(zoneSymbol(zone)));
+    this.zones.forEach(({ marker }, number) => this.#place(marker, zoneMiddle(mission.zones[number])));
   }
 
   /** Draw a TeamPicture, and the trails from those before it. */
@@ -90,6 +116,7 @@ export class Scene {
     this.drawTrails(past);
     for (const vehicle of team.vehicles) this.#showVehicle(vehicle, team);
     this.#showTargets(team);
+    this.#showTraffic(team.traffic ?? []);
     this.#placeLabels();
     if (this.isFollowing) this.#keepInView(team);
   }
@@ -107,6 +134,20 @@ export class Scene {
     const places = targets.map((target) => placeText(this.mission, target?.position_m));
     if (places.length === 1) this.#showPlace("target-place", "Target", places[0]);
     else this.#showPlace("target-place", "Targets", places.map((place, number) => `${this.targets[number].name} ${place}`).join("; "));
+  }
+
+  #showTraffic(traffic) {
+    for (const [label, { marker }] of this.traffic) {
+      if (traffic.some((each) => each.label === label)) continue;
+      marker.remove();
+      this.traffic.delete(label);
+    }
+    for (const aircraft of traffic) {
+      if (!this.traffic.has(aircraft.label)) this.traffic.set(aircraft.label, this.#marked(trafficSymbol()));
+      const symbol = this.traffic.get(aircraft.label);
+      showTraffic(symbol, aircraft);
+      this.#place(symbol.marker, aircraft.position_m);
+    }
   }
 
   /** Move the camera so that these points are seen. */
@@ -131,13 +172,36 @@ export class Scene {
     setAttribute(byId(id), "data-copied", place);
   }
 
-  #showCursor({ lng, lat }) {
-    if (this.mission) this.#showPlace("cursor-place", "Cursor", mapPlaceText(this.mission, [lng, lat]));
+  #pointOf({ x, y }) {
+    const { lng, lat } = this.map.unproject([x, y]);
+    return this.frame.point_m([lng, lat]);
   }
 
-  #copyCursor(lngLat) {
-    this.#showCursor(lngLat);
+  /** Show the place at a pixel, and return it as text. */
+  #pointAt(pixel) {
+    if (!this.mission) return "";
+    const point_m = this.#pointOf(pixel);
+    this.measure.move(point_m);
+    this.#showPlace("cursor-place", "Cursor", placeText(this.mission, point_m));
+    return fullPlaceText(this.mission, point_m);
+  }
+
+  #copyCursor(pixel) {
+    this.#pointAt(pixel);
     copy(byId("cursor-place").dataset.copied, byId("cursor-place"));
+  }
+
+  #take(pixel) {
+    return Boolean(this.mission) && this.measure.take(this.#pointOf(pixel));
+  }
+
+  #openMenu(pixel, isByKey) {
+    if (!this.mission) return;
+    const point_m = this.#pointOf(pixel);
+    const place = this.#pointAt(pixel);
+    const measured = { name: "Measure from here", act: () => this.measure.begin(point_m) };
+    const copied = { name: "Copy the place", act: () => this.#copyCursor(pixel) };
+    this.menu.open(pixel, place, [...this.choices(point_m, place), measured, copied], isByKey);
   }
 
   #trails(past) {
@@ -251,6 +315,7 @@ export class Scene {
         this.map.setLayoutProperty(`${name}-area`, "visibility", visibility);
       }
     }
+    if (layer === "zones") this.map.getContainer().classList.toggle("without-zones", !isShown);
     if (layer === "labels") this.map.getContainer().classList.toggle("without-labels", !isShown);
   }
 
@@ -271,14 +336,14 @@ const css = (name) => getComputedStyle(document.documentElement).getPropertyValu
 const lineColour = (colour) => (colour ? ["coalesce", ["get", "colour"], css(colour)] : ["get", "colour"]);
 
 function style() {
-  const sources = Object.fromEntries(["plan", "trails", "team"].map((name) => [name, { type: "geojson", data: EMPTY, maxzoom: 20 }]));
+  const sources = Object.fromEntries(["plan", "trails", "team", "measured"].map((name) => [name, { type: "geojson", data: EMPTY, maxzoom: 20 }]));
   const ground = { id: "ground", type: "background", paint: { "background-color": css("--ground") } };
   return { version: 8, sources, layers: [ground, ...AREAS.map(areaLayer), ...LINES.map(lineLayer)] };
 }
 
-function areaLayer([name, colour, opacity]) {
+function areaLayer([name, colour, opacity, source]) {
   const paint = { "fill-color": css(colour), "fill-opacity": opacity };
-  return { id: `${name}-area`, type: "fill", source: "team", filter: ["==", ["get", "layer"], name], paint };
+  return { id: `${name}-area`, type: "fill", source, filter: ["==", ["get", "layer"], name], paint };
 }
 
 function lineLayer([source, name, colour, width, dashes]) {

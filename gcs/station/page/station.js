@@ -2,6 +2,7 @@
 
 import { Alarms, Sound } from "./alarms.js";
 import { Cards } from "./cards.js";
+import { Checklist } from "./checklist.js";
 import { Commands } from "./commands.js";
 import { byId, setText } from "./dom.js";
 import { Events } from "./events.js";
@@ -14,6 +15,7 @@ import { Tabs } from "./tabs.js";
 import { startTheme } from "./theme.js";
 import { TopBar } from "./topbar.js";
 import { agedTeam } from "./vehicles.js";
+import { Voice } from "./voice.js";
 import { WakeLock } from "./wake_lock.js";
 
 const PAST_S = 120;
@@ -29,10 +31,11 @@ class Page {
     this.selection = new Selection();
     this.commands = new Commands(this.selection, send);
     this.events = new Events(byId("events"), byId("polite"));
-    this.alarms = new Alarms(byId("alarms"), new Sound(byId("sound")), byId("assertive"));
+    this.alarms = new Alarms(byId("alarms"), new Sound(byId("sound")), new Voice(byId("voice")), byId("assertive"));
     this.topbar = new TopBar();
     this.strips = new Strips(byId("strips"));
     this.cards = new Cards(byId("cards"), this.selection, send);
+    this.checklist = new Checklist(send);
     this.table = new Table(byId("table"));
     this.scene = null;
     this.tabs = new Tabs(byId("views"), () => this.redraw());
@@ -62,6 +65,7 @@ class Page {
     this.topbar.update(team, isConnected);
     this.commands.update(team);
     this.cards.update(team);
+    this.checklist.update(team);
     this.redraw();
   }
 
@@ -82,7 +86,7 @@ class Page {
     byId("map-state").hidden = false;
     try {
       const { Scene } = await import("./scene.js");
-      this.scene = new Scene(byId("map"), this.selection, this.headers);
+      this.scene = new Scene(byId("map"), this.selection, this.headers, (...place) => this.commands.choices(...place));
       await this.scene.isLoaded;
     } catch (error) {
       setText(byId("map-state"), "The map could not be loaded: reload the page. The cards and the table show every quantity.");
@@ -123,6 +127,7 @@ class Live {
     if (picture.kind === "mission") this.#start(picture);
     else if (picture.kind === "event") this.page.events.add(picture);
     else if (picture.kind === "receipt") this.page.commands.receipt(picture);
+    else if (picture.kind === "checklist") this.page.checklist.take(picture);
     else if (picture.kind === "answer") this.page.commands.answer(picture);
     else if (picture.kind === "team" && this.page.mission) this.#team(picture); // one that overtook the mission has a successor
   }

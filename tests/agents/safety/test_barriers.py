@@ -7,7 +7,7 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from agents.safety.barriers import Body, Cause, Demand, apart, demanded_from_m, inside, slow
+from agents.safety.barriers import Body, Cause, Demand, apart, demanded_from_m, slow, within
 from agents.safety.fence import Fence
 from estimation.vectors import Pair
 
@@ -102,7 +102,7 @@ def test_meeting_a_demand_of_the_fence_meets_its_condition(
     place: Pair, speed: Pair, margin_m: float, aside: float
 ) -> None:
     points = Fence(CORNERS).nearest_points(place)
-    demands = list(inside(points, speed, margin_m, RATE_PER_S))
+    demands = list(within(points, speed, margin_m, RATE_PER_S, Cause.FENCE))
     assert len(demands) == len(points) >= 3
     for demand, point in zip(demands, points, strict=True):
         assert (demand.cause, demand.normal, demand.evades) == (Cause.FENCE, point.inward, False)

@@ -23,7 +23,7 @@ from agents.safety.failsafe import TABLE, Condition, Reaction
 from agents.safety.failsafe_monitor import COUNTED_MIN_S, COUNTED_SHARE
 from agents.safety.guard import GuardStatus
 from agents.settings.config import AgentConfig
-from agents.settings.sections import ChoreographySettings, FailsafeSettings
+from agents.settings.sections import ChoreographySettings, FailsafeSettings, NoFlySection
 from agents.situation.task import Task
 from agents.tactics import Event, Tactic
 from agents.team.codec import decode
@@ -282,6 +282,7 @@ CASES = {
     Condition.WINDY: Case(reporting(wind_m_s=12.1), reporting(wind_m_s=12.0), 1.5, HOLDS, grave=Tactic.LAND),
     # The line leads it out at the onset; the wind blows it back in.
     Condition.FENCE_LEFT: Case(nothing, set_to(wind=np.array([-0.6, 0.0])), 0.6, HOLDS),
+    Condition.ZONE_ENTERED: Case(nothing, set_to(wind=np.array([-0.6, 0.0])), 0.6, HOLDS),
     Condition.ALTITUDE_LEFT: Case(set_to(height_m=CEILING_M + 1.2), set_to(height_m=CEILING_M), LOOKS_S + 0.6, HOLDS),
     Condition.TOO_CLOSE: Case(set_to(close=True), set_to(close=False), 0.4, LEAVES),
     Condition.TARGET_STALE: Case(set_to(target_m=None), set_to(target_m=(6.0, -5.0)), 4.0, HOLDS, on_ring=True),
@@ -301,6 +302,7 @@ CASES = {
     Condition.LINK_DEGRADED: Case(
         reporting(link_fault="34% of its messages are lost"), reporting(), 0.0, AS_BEFORE * 3
     ),
+    Condition.GIMBAL_FAILED: Case(reporting(gimbal_fault="system 255 controls it"), reporting(), 0.0, AS_BEFORE * 3),
     Condition.BATTERY_WARNING: Case(reporting(battery_fault="battery 0 low"), reporting(), 4.0, AS_BEFORE * 3),
     Condition.STATUS_STALE: Case(reporting(stale="battery"), reporting(), 0.0, AS_BEFORE * 3),
     Condition.ESTIMATOR_DEGRADED: Case(reporting(satellites=5), reporting(satellites=6), 2.8, AS_BEFORE * 3),
@@ -358,6 +360,8 @@ def make_flight(make_config: Maker) -> Callable[..., Flight]:
             layers_from_m=HEIGHT_M,
             safety={"guard": False, "fence_m": corners(FENCE_X_M)}
             if condition is Condition.FENCE_LEFT
+            else {"guard": False, "no_fly": (NoFlySection(name="beyond", polygon_m=BEYOND),)}
+            if condition is Condition.ZONE_ENTERED
             else {
                 "guard": condition is Condition.TOO_CLOSE,
                 "altitude_max_m": CEILING_M if condition is Condition.ALTITUDE_LEFT else None,
@@ -378,6 +382,10 @@ def make_flight(make_config: Maker) -> Callable[..., Flight]:
 
 def corners(x_m: float) -> tuple[tuple[float, float], ...]:
     return (-90.0, -90.0), (x_m, -90.0), (x_m, 90.0), (-90.0, 90.0)
+
+
+BEYOND = ((FENCE_X_M, -90.0), (90.0, -90.0), (90.0, 90.0), (FENCE_X_M, 90.0))
+"""A zone that begins where the fence ends."""
 
 
 def reaction_s(flight: Flight, condition: Condition, until_s: float) -> float:

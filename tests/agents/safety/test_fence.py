@@ -7,8 +7,10 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 from matplotlib.path import Path
+from shapely import Point, Polygon
 
-from agents.safety.fence import Corner, Fence
+from agents.safety.fence import Area, Corner, Fence, RoundEdge
+from agents.settings.sections import NoFlySection, SafetySettings
 from estimation.state import Vector
 
 STEPS = 4000
@@ -208,3 +210,48 @@ def test_edges_that_cross_are_found_wherever_corners_are_in_disorder(corners: Co
 )
 def test_crossed_edges_by_name(corners: Corners, crossed: tuple[int, int] | None) -> None:
     assert Fence(corners).crossed_edges() == crossed
+
+
+@given(corners=polygons(), offset=offsets)
+def test_a_zone_has_the_distances_and_directions_of_its_outside(corners: Corners, offset: Corner) -> None:
+    """Against shapely: distance and nearest point from outside, and the way out from inside."""
+    place = (corners[0][0] + offset[0], corners[0][1] + offset[1])
+    zone, shape, point = Fence(corners, encloses=False), Polygon(corners), Point(place)
+    edge_m = shape.exterior.distance(point)
+    assume(edge_m > 1e-6)
+    assert zone.contains(place) is not shape.contains(point)
+    assert zone.clearance_m(place) == pytest.approx(-edge_m if shape.contains(point) else edge_m, abs=1e-6)
+    nearest = min(zone.nearest_points(place), key=lambda each: each.distance_m)
+    assert nearest.distance_m == pytest.approx(zone.clearance_m(place), abs=1e-6)
+    on_edge = (place[0] - nearest.distance_m * nearest.inward[0], place[1] - nearest.distance_m * nearest.inward[1])
+    assert shape.exterior.distance(Point(on_edge)) < 1e-6
+
+
+def test_along_a_side_of_a_zone_no_other_side_is_in_the_way() -> None:
+    """A vehicle above a square passes its corners; diagonally off a corner it has the two sides that it could meet."""
+    zone = Fence(SQUARE, encloses=False)
+    assert [each.inward for each in zone.nearest_points((3.5, 5.0))] == [(0.0, 1.0)]
+    assert [each.distance_m for each in zone.nearest_points((-3.0, 8.0))] == pytest.approx([5.0, 5.0])
+    assert zone.nearest_points((3.5, 5.0), within_m=0.5) == []
+
+
+def test_a_round_zone_is_a_circle_from_outside() -> None:
+    disc = RoundEdge((1.0, 2.0), 3.0)
+    (point,) = disc.nearest_points((6.0, 2.0))
+    assert (point.distance_m, point.inward) == (2.0, (1.0, 0.0))
+    (point,) = disc.nearest_points((1.0, 1.0))
+    assert (point.distance_m, point.inward) == (-2.0, (0.0, -1.0))
+    assert disc.nearest_points((6.0, 2.0), within_m=1.0) == []
+    assert not disc.contains((1.0, 4.9))
+
+
+def test_the_room_of_a_vehicle_is_that_of_fence_and_zones_at_its_height() -> None:
+    mast = NoFlySection(name="mast", center_m=(5.0, 0.0), radius_m=1.0, ceiling_m=10.0)
+    area = Area(SafetySettings(fence_m=tuple(SQUARE), no_fly=(mast,)))
+    assert area.clearance_m((3.5, 2.0), 12.0) == pytest.approx(0.5)
+    assert area.clearance_m((4.0, 1.0), 8.0) == pytest.approx(min(0.0, hypot(1.0, 1.0) - 1.0))
+    entered = area.entered((4.5, 0.0), 8.0)
+    assert entered is not None
+    assert entered.name == "mast"
+    assert area.entered((4.5, 0.0), 10.5) is None
+    assert Area(SafetySettings()).clearance_m((0.0, 0.0), 0.0) == inf

@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 from agents.safety.barriers import Body, Cause
 from agents.safety.guard import Guard, Guarded, GuardStatus
 from agents.settings.config import AgentConfig
+from agents.settings.sections import NoFlySection
 from agents.situation.situation import Situation
 from estimation.plant.model import Plant, PlantAxis, exact_step
 from estimation.state import OwnEstimate, TargetEstimate, Vector
@@ -305,6 +306,50 @@ def test_status_and_cause_say_why(
     assert bool(setpoint[1] < 0.0) is (cause in (Cause.SEPARATION, Cause.KEEP_OUT))  # around it, on the right
 
 
+EAST = NoFlySection(name="east", polygon_m=((10.0, -20.0), (30.0, -20.0), (30.0, 20.0), (10.0, 20.0)))
+DISC = NoFlySection(name="disc", center_m=(1e4, 0.0), radius_m=1e4 - 10.0)
+
+
+@given(
+    place=st.tuples(st.floats(-9.0, 11.0), st.floats(-9.0, 9.0)),
+    velocity=st.tuples(st.floats(-2.0, 2.0), st.floats(-2.0, 2.0)),
+    aim=st.tuples(st.floats(-9.0, 19.0), st.floats(-9.0, 9.0)),
+)
+def test_a_zone_beyond_an_edge_keeps_a_vehicle_out_as_the_fence_keeps_it_in(
+    place: Pair, velocity: Pair, aim: Pair, make_config: Maker
+) -> None:
+    """The free side of both is the same half-plane; the disc's edge is nearly straight."""
+    seen = situation(place=place, velocity=velocity, sigma_m=0.1)
+    west = ((-1e3, -1e3), (10.0, -1e3), (10.0, 1e3), (-1e3, 1e3))
+    _, fenced = checked(make_config(safety={"fence_m": west}), seen, aim)
+    for zone, off_m in ((EAST, 1e-6), (DISC, 0.02)):
+        guarded, kept = checked(make_config(safety={"no_fly": (zone,)}), seen, aim)
+        assert kept == pytest.approx(fenced, abs=off_m)
+        assert Cause.FENCE not in guarded.causes
+
+
+def test_a_zone_is_open_above_its_ceiling_and_below_its_floor(make_config: Maker) -> None:
+    zone = EAST.model_copy(update={"floor_m": 5.0, "ceiling_m": 12.0})
+    guard = Guard(make_config(safety={"no_fly": (zone,)}))
+    aim = np.array((14.0, 0.0))
+    for height_m, is_closed in ((4.0, False), (4.9, True), (8.0, True), (12.4, True), (12.6, False)):
+        there = at_height(situation(place=(9.0, 0.0), velocity=(1.0, 0.0)), height_m)
+        assert bool(guard.check(there, aim, []).aim_m[0] < 10.0) is is_closed
+    for place, height_m, planned_m, altitude_m in (
+        ((20.0, 0.0), 3.0, 8.0, 4.0),  # below: not up into it
+        ((20.0, 0.0), 14.0, 8.0, 13.0),  # above: not down into it
+        ((20.0, 0.0), 14.0, 20.0, 20.0),
+        ((0.0, 0.0), 3.0, 8.0, 8.0),  # beside it
+    ):
+        assert guard.altitude_m(planned_m, np.array([*place, 0.0, 0.0]), height_m) == altitude_m
+
+
+def at_height(seen: Situation, height_m: float) -> Situation:
+    return Situation(
+        seen.now_s, seen.acting_s, seen.own, seen.acting_motion, seen.disturbance, None, None, None, height_m=height_m
+    )
+
+
 def test_uncertainty_keeps_a_vehicle_farther_inside_the_fence(make_config: Maker) -> None:
     config = make_config(safety={"fence_m": BOX, "uncertainty_sigmas": 3.0})
     for sigma_m in (0.0, 0.2):
@@ -320,7 +365,7 @@ def test_the_altitude_stays_in_the_band(
     low: float | None, high: float | None, aim: float, altitude: float, make_config: Maker
 ) -> None:
     guard = Guard(make_config(safety={"altitude_min_m": low, "altitude_max_m": high}))
-    assert guard.altitude_m(aim) == altitude
+    assert guard.altitude_m(aim, np.zeros(4), 8.0) == altitude
 
 
 # Two in closed loop, on plants that are not the model

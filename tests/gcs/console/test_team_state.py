@@ -9,7 +9,8 @@ from msgspec.structs import replace
 from rich.console import Console
 
 from agents.drops import Drops
-from agents.safety.fence import Fence
+from agents.safety.fence import Area
+from agents.settings.sections import SafetySettings
 from agents.team.messages import (
     CommandAnswer,
     MemberState,
@@ -221,7 +222,7 @@ def test_the_line_leaves_out_what_is_not_known() -> None:
 
 
 def test_neighbours_fences_and_the_ring_are_those_of_the_messages() -> None:
-    picture = TeamState((1, 2), {1: Fence([(-5.0, -5.0), (5.0, -5.0), (5.0, 5.0), (-5.0, 5.0)])})
+    picture = TeamState((1, 2), {1: Area(SafetySettings(fence_m=((-5.0, -5.0), (5.0, -5.0), (5.0, 5.0), (-5.0, 5.0))))})
     picture.receive(structs.replace(state(1), velocity_m_s=(3.0, 4.0)), 0.0)
     picture.receive(
         structs.replace(state(2, angle=NeighbourAngle(2, 100.0, 0.3, 0.05, 10.5)), position_m=(1.0, 5.0)), 0.5

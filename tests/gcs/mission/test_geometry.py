@@ -2,7 +2,7 @@
 
 import pytest
 
-from gcs.mission.geometry import fences, nearest_other
+from gcs.mission.geometry import areas, nearest_other
 from tests.support.mission_text import changed, faults, parsed
 
 Changes = dict[tuple[str | int, ...], object]
@@ -218,8 +218,8 @@ def test_the_nearest_other_vehicle_is_the_one_at_the_shortest_horizontal_distanc
 def test_each_vehicle_has_the_fence_that_holds_for_it() -> None:
     wider: list[list[float]] = [[-9.0, -30.0], [120.0, -30.0], [120.0, 30.0], [-9.0, 30.0]]
     mission = parsed(changed(box() | {("vehicles", 1, "fence_m"): wider}))
-    of = fences([vehicle.section for vehicle in mission.vehicles], mission.safety)
-    assert [of[vehicle_id].clearance_m((0.0, 0.0)) for vehicle_id in mission.ids] == [5.0, 9.0, 5.0]
-    assert of[1].clearance_m((-7.0, 0.0)) == -2.0
+    of = areas([vehicle.section for vehicle in mission.vehicles], mission.safety)
+    assert [of[vehicle_id].clearance_m((0.0, 0.0), 8.0) for vehicle_id in mission.ids] == [5.0, 9.0, 5.0]
+    assert of[1].clearance_m((-7.0, 0.0), 8.0) == -2.0
     without = parsed(changed({}))
-    assert fences([vehicle.section for vehicle in without.vehicles], without.safety) == {}
+    assert areas([vehicle.section for vehicle in without.vehicles], without.safety) == {}

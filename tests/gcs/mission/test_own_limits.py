@@ -1,5 +1,6 @@
 """Vehicles with a fence and altitude limits of their own: what is refused, and what they fly with it."""
 
+import numpy as np
 import pytest
 
 from agents.safety.guard import Guard
@@ -93,7 +94,7 @@ def test_every_agent_has_its_own_limits_and_the_teams_for_the_others() -> None:
     assert [len(each.fence_m) for each in found] == [7, 4, 4]
     assert found[2] == mission.safety
     guards = [Guard(mission.agent_config(vehicle)) for vehicle in mission.vehicles]
-    assert [guard.altitude_m(50.0) for guard in guards] == [20.0, 9.0, 20.0]
+    assert [guard.altitude_m(50.0, np.zeros(4), 8.0) for guard in guards] == [20.0, 9.0, 20.0]
 
 
 def test_the_team_stops_where_the_limit_of_one_stops_it() -> None:

@@ -1,6 +1,7 @@
 """Commands from pages to vehicles on a bus: who may, what has to be confirmed, and each once."""
 
 import asyncio
+import json
 import time
 from collections.abc import AsyncIterator, Callable
 from pathlib import Path
@@ -134,6 +135,50 @@ async def test_what_is_not_confirmed_or_not_known_is_not_sent(
             assert "2.80 m/s along the ring" in answer["did"]
             assert answer["is_final"]
             assert len(team.numbers("ring")) == 2
+
+
+def seen(request: str, position_m: tuple[float, float], sigma_m: float, **more: object) -> str:
+    return json.dumps({"kind": "sighting", "request": request, "position_m": position_m, "sigma_m": sigma_m, **more})
+
+
+async def test_a_place_on_the_map_becomes_a_sighting_of_the_target(
+    flying: tuple[Station, AnsweringTeam], subtests: pytest.Subtests
+) -> None:
+    running, team = flying
+    async with running.connected() as page:
+        await commanding(page)
+        with subtests.test("sent"):
+            await page.send(seen("a", (28.0, -4.0), 3.0))
+            event = await received(page, "event")
+            assert "28.0" in event["text"]
+            assert running.commands[0].rights.name in event["text"]
+            answer = await received(page, "answer")
+            assert (answer["request"], answer["verb"], answer["vehicle_id"]) == ("a", "target", None)
+            assert answer["is_obeyed"]
+            assert answer["is_final"]
+            assert "1, 2, 3" in answer["did"]
+            assert {vehicle_id for vehicle_id, _ in team.sightings} == {1, 2, 3}
+            for _, sighting in team.sightings:
+                assert (sighting["frame"], sighting["position"]) == ("mission", [28.0, -4.0])
+                assert sighting["covariance_m2"] == [9.0, 0.0, 9.0]
+                assert abs(sighting["time_s"] - time.time()) < PATIENCE_S
+        refused = {
+            "a target that there is not": (seen("b", (28.0, -4.0), 3.0, target=1), "one, unnamed"),
+            "too far away": (seen("c", (2e6, 0.0), 3.0), "2000 km"),
+        }
+        team.sightings.clear()
+        for name, (request, word) in refused.items():
+            with subtests.test(name):
+                await page.send(request)
+                answer = await received(page, "answer")
+                assert not answer["is_obeyed"]
+                assert word in answer["did"]
+        assert not team.sightings
+    with subtests.test("no standard deviation"):
+        async with running.connected() as page:
+            await page.send(seen("d", (28.0, -4.0), 0.0))
+            await page.wait_closed()
+            assert page.close_code == 1007
 
 
 async def test_one_of_several_rings_is_changed_and_vehicles_are_assigned_to_it(

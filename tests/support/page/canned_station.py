@@ -18,13 +18,16 @@ from websockets.sync.server import Server, ServerConnection, serve
 from gcs.station.access import Access, Challenge, Entered, Hello, Proof
 from gcs.station.picture import (
     AnswerPicture,
+    ChecklistPicture,
     CommandRequest,
     EventPicture,
     FlightPicture,
     MissionPicture,
     ReceiptPicture,
     RecoveredRequest,
+    SightingRequest,
     TeamPicture,
+    TickRequest,
 )
 from gcs.station.server import RECORDED
 from gcs.viewer.origin_gate import Address
@@ -41,14 +44,15 @@ POLICY = (
 
 MARK = "mark"
 
-Live = MissionPicture | TeamPicture | EventPicture | AnswerPicture | ReceiptPicture
+Live = MissionPicture | TeamPicture | EventPicture | AnswerPicture | ReceiptPicture | ChecklistPicture
 
 
 class CannedStation:
     """Serves a live team, whose pictures `team` returns for the seconds since the start, or a recorded flight.
 
-    Use it as a context manager. Tests may change `team` and `is_silent` at any time; `requests` are the requests of
-    pages, of which a station that `is_slow` has received none, `recovered` the vehicles whose recovery they confirmed.
+    Use it as a context manager. Tests may change `team` and `is_silent` at any time. `requests` are the requests of
+    pages, of which a station that `is_slow` has received none, `sightings` their reports of the target, `recovered` the
+    vehicles whose recovery they confirmed.
     """
 
     def __init__(
@@ -82,6 +86,8 @@ class CannedStation:
         self.mission, self.team, self.flight = mission, team, flight
         self.is_silent = self.is_refusing = self.is_slow = False
         self.requests: list[CommandRequest] = []
+        self.sightings: list[SightingRequest] = []
+        self.ticks: list[TickRequest] = []
         self.recovered: list[int] = []
         self.events: list[EventPicture] = []
 
@@ -148,11 +154,17 @@ class CannedStation:
         if message == MARK:
             self._marks.release()
             return
-        request = msgspec.json.decode(message, type=CommandRequest | RecoveredRequest)
+        request = msgspec.json.decode(message, type=CommandRequest | SightingRequest | RecoveredRequest | TickRequest)
+        if isinstance(request, TickRequest):
+            self.ticks.append(request)
+            return
         if isinstance(request, RecoveredRequest):
             self.recovered.append(request.vehicle_id)
             return
-        self.requests.append(request)
+        if isinstance(request, SightingRequest):
+            self.sightings.append(request)
+        else:
+            self.requests.append(request)
         if not self.is_slow:
             self._send(connection, ReceiptPicture(request.request))
 

@@ -131,9 +131,10 @@ async def station(mission: Mission, page: Path, tiles: MapTiles | None = None) -
 
 @dataclass
 class AnsweringTeam:
-    """Vehicles of a mission that send their states and answer commands, with the commands that each has received."""
+    """Vehicles of a mission that send their states and answer commands; what each has received is kept."""
 
     received: list[tuple[int, OperatorCommand]] = field(default_factory=list)
+    sightings: list[tuple[int, dict[str, Any]]] = field(default_factory=list)
     tactics: dict[int, str] = field(default_factory=dict)
     ring: CommandedRing | None = None
     silent: set[int] = field(default_factory=set)
@@ -178,7 +179,10 @@ async def _member(mission: Mission, vehicle_id: int, team: AnsweringTeam) -> Asy
             bus.publish("@report", encode(VehicleReport(vehicle_id, time.time(), "hold", ended=ended)))
             await asyncio.sleep(0.1)
 
-    await bus.open(receive, lambda *_: None, lambda _vehicle, _present: None)
+    def sight(_source: str, payload: bytes) -> None:
+        team.sightings.append((vehicle_id, json.loads(payload)))
+
+    await bus.open(receive, sight, lambda _vehicle, _present: None)
     sending = asyncio.create_task(send())
     try:
         yield
