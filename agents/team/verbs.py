@@ -87,13 +87,13 @@ _ROWS = (
     VerbRow("rtl", "return", "t", 3, "all", Event.RETURN, "returns and lands", _RETURNS, does="return and land"),
     VerbRow("abort", "abort", "a", 5, "at once", help=_ABORTS),
     VerbRow(
-        "kill", "kill", "k", 8, "word", Event.LAND, "cuts the motors", {}, "motors cut", _CUT, _FALL, is_dangerous=True
+        "kill", "kill", "k", 9, "word", Event.LAND, "cuts the motors", {}, "motors cut", _CUT, _FALL, is_dangerous=True
     ),
     VerbRow(
         "rejoin",
         "rejoin",
         "j",
-        9,
+        8,
         "take-off",
         did="is checked",
         done="takes off and joins the others",

@@ -396,7 +396,7 @@ def test_a_command_that_was_not_delivered_is_told_and_not_repeated(page: Page, s
 def test_only_what_the_operator_may_is_offered(page: Page, served: CannedStation) -> None:
     offered = "#verbs button"
     verbs = [button.get_attribute("data-verb") for button in page.locator(offered).all()]
-    assert verbs == ["hold", "resume", "rtl", "land", "abort", "ring", "kill"]
+    assert verbs == ["hold", "resume", "rtl", "land", "abort", "ring", "rejoin", "kill"]
     served.send(replace(ring_mission(), operator=OperatorRights("ben", ("hold",))))
     expect(page.locator(offered)).to_have_count(1)
     expect(page.locator("#rights")).to_have_text("ben")
