@@ -70,11 +70,11 @@ from agents.team.messages import (
     CONDITIONS_LIMIT,
     CommandAnswer,
     CommandedRing,
+    Goal,
     MemberState,
     NextChange,
     OperatorCommand,
     Outlook,
-    Place,
 )
 from agents.team.team import Team
 from estimation.state import POSITION, Sighting, TargetEstimate, Telemetry, Vector
@@ -646,7 +646,7 @@ class VehicleCore:
         elif stays and self._planner.journey is not None:
             self._planner.stay()
 
-    def _place_refusal(self, place: Place) -> str:
+    def _place_refusal(self, place: Goal) -> str:
         """Return why the vehicle must not go to a place at its height, empty if it may."""
         config, here, there_m = self._config, self._estimator.position_m, (place.x_m, place.y_m)
         if here is None:

@@ -72,6 +72,7 @@ export class Scene {
     this.map.on("click", ({ point }) => this.#take(point) || this.#copyCursor(point));
     this.pointing = new Pointing(this.map, this.#openMenu.bind(this), this.#pointAt.bind(this), this.#take.bind(this));
     this.menu = new MapMenu(container, () => this.pointing.focus());
+    container.append(byId("measured"));
     this.measure = new Measure((marks) => this.map.getSource("measured")?.setData(marks));
     byId("places").hidden = false;
     copyOnClick(byId("places"));
