@@ -23,6 +23,7 @@ COMPILED = (
     "agents/broadcast.py",
     "agents/control",
     "agents/core.py",
+    "agents/gimbal.py",
     "agents/ring",
     "agents/safety",
     "agents/setpoint.py",

@@ -9,6 +9,7 @@ from agents.control.plan import Plan, RingReport
 from agents.drops import Drops
 from agents.outputs import Outgoing
 from agents.ring.chooser import RingChooser
+from agents.safety.traffic import Traffic
 from agents.settings.config import AgentConfig
 from agents.situation.own_sensor import OwnSensors
 from agents.situation.situation import Situation
@@ -39,13 +40,20 @@ class StateBroadcast:
     """
 
     def __init__(
-        self, config: AgentConfig, team: Team, own_sensors: OwnSensors, chooser: RingChooser | None = None
+        self,
+        config: AgentConfig,
+        team: Team,
+        own_sensors: OwnSensors,
+        chooser: RingChooser | None,
+        traffic: Traffic,
     ) -> None:
-        """Take the chooser of the ring in a mission of several, whose bids are sent with the states."""
+        """Take the chooser of the ring in a mission of several, whose bids are sent with the states, and the traffic
+        that the own autopilot receives, which is sent as well.
+        """
         self._vehicle_id = config.vehicle_id
         self._communication_radius_m = config.communication_radius_m
         self._targets = {name: number for number, name in enumerate(config.targets)}
-        self._team, self._own_sensors, self._chooser = team, own_sensors, chooser
+        self._team, self._own_sensors, self._chooser, self._traffic = team, own_sensors, chooser, traffic
         self._rate = SendRate(config.rate_hz)
         self._revision = 0
         self.often = True
@@ -74,6 +82,8 @@ class StateBroadcast:
             self._revision = chooser.revision
             choice = msgspec.structs.replace(state.choice, bids=chooser.payload(state.time_s))
             state = msgspec.structs.replace(state, choice=choice)
+        if traffic := self._traffic.shared(state.time_s):
+            state = msgspec.structs.replace(state, traffic=traffic)
         return (Outgoing(TOPICS[MemberState].name, encode(state)),)
 
     def _state(

@@ -40,7 +40,7 @@ _WHY_NOT = {
 _GOES_FROM = (Tactic.FORMATION, Tactic.ENCIRCLE, Tactic.TRANSIT, Tactic.ASIDE, Tactic.HOLD)
 _CHOOSES_NO_RING = (Tactic.STANDBY, Tactic.ASIDE, Tactic.HOLD, Tactic.PILOT_OVERRIDE)
 AGE_MAX_S, AHEAD_MAX_S = TOPICS[OperatorCommand].age_max_s, 1.0
-_DISARMED = "it has flown and is disarmed: end the flight, then take off again"
+_DISARMED = "it is on the ground, disarmed: it takes off by rejoin"
 
 
 class Circumstances(NamedTuple):
@@ -48,15 +48,17 @@ class Circumstances(NamedTuple):
 
     `age_s` is the time since the command was sent [wall s], by the vehicle's clock: negative if dated ahead of it.
     `resume_refused` is why the vehicle must not resume, empty if it may; `ring_refused` why it cannot fly the commanded
-    ring, `place_refused` why it must not go to the commanded place. It `is_down` if it was armed and no longer is, and
-    `follows` setpoints unless it takes off or was handed over. `ring` is the number of the ring that it flies on, None
-    off the rings. The flight `ends` once the operator has stopped it; its mission `is_over` from the return on.
+    ring, `place_refused` why it must not go to the commanded place, `rejoin_refused` why it must not take off again. It
+    `is_down` if it was armed and no longer is, and `follows` setpoints unless it takes off or was handed over. `ring` is
+    the number of the ring that it flies on, None off the rings. The flight `ends` once the operator has stopped it; its
+    mission `is_over` from the return on.
     """
 
     age_s: float = 0.0
     resume_refused: str = ""
     ring_refused: str = ""
     place_refused: str = ""
+    rejoin_refused: str = ""
     ring: int | None = None
     is_down: bool = False
     follows: bool = True
@@ -116,12 +118,18 @@ class CommandHandler:
         self._unanswered: dict[CommandKey, None] = {}
         self._abort: tuple[float, str] | None = None
         self._kills: list[OperatorCommand] = []
+        self._rejoins: list[OperatorCommand] = []
         self._notes = notes
 
     @property
     def kills(self) -> bool:
         """Whether the motors are to be cut: from the command until the shell reports its outcome."""
         return bool(self._kills)
+
+    @property
+    def rejoins(self) -> bool:
+        """Whether the vehicle is to take off again: from the command until the shell reports what became of it."""
+        return bool(self._rejoins)
 
     @property
     def abort_lands_s(self) -> float | None:
@@ -169,6 +177,17 @@ class CommandHandler:
             self._unanswered[command.key] = None
         self._kills.clear()
 
+    def on_rejoined(self, refusal: str, now_s: float) -> None:
+        """Take what became of a rejoin: why it was refused, empty if the vehicle takes off again."""
+        answer = _refused(refusal) if refusal else _Answer(VERBS["rejoin"].done)
+        if not refusal:
+            self._abort, self.starts = None, False
+            self._unanswered.clear()  # what came after its flight was answered without a tick
+        for command in self._rejoins:
+            self._record(command, answer, now_s)
+            self._unanswered[command.key] = None
+        self._rejoins.clear()
+
     def answers(self, now_s: float) -> tuple[CommandAnswer, ...]:
         """Return and remove the answers since the last call."""
         if not self._unanswered:
@@ -194,8 +213,9 @@ class CommandHandler:
                 self._kills.append(command)
                 self._abort = None
                 return _Answer(row.did, "begun"), row.event
-            case "start":
-                return self._start(row), None
+            case "start" | "rejoin":
+                starts = command.verb == "start"
+                return self._start(row) if starts else self._rejoin(command, row, circumstances), None
             case _ if hindrance := self._hindrance(circumstances):
                 return _refused(hindrance), None
             case _:
@@ -231,6 +251,17 @@ class CommandHandler:
             return _refused(self.start_blockers)
         self.starts, self.start_blockers = True, None
         return _Answer(row.did)
+
+    def _rejoin(self, command: OperatorCommand, row: VerbRow, circumstances: Circumstances) -> _Answer:
+        """Begin to rejoin: the shell checks the vehicle, and reports what became of it."""
+        if command.vehicle is None:
+            return _refused("the command names no vehicle that has landed")
+        if self.start_blockers is not None:
+            return _refused("it waits on the ground for its start")
+        if circumstances.rejoin_refused:
+            return _refused(circumstances.rejoin_refused)
+        self._rejoins.append(command)
+        return _Answer(row.did, "begun")
 
     def _abort_or_land(
         self, origin: str, tactic: Tactic, now_s: float, circumstances: Circumstances

@@ -21,6 +21,7 @@ from agents.control.planner import planner_of
 from agents.control.return_and_land import assembled
 from agents.control.transit import FAR_SHARE
 from agents.drops import NO_DROPS, Drops, Reason
+from agents.gimbal import CameraAim
 from agents.inputs import (
     AutopilotStatus,
     Bus,
@@ -32,6 +33,7 @@ from agents.inputs import (
     Message,
     Presence,
     ReceivedInput,
+    Rejoined,
     Start,
     TacticEvent,
     TimeScale,
@@ -56,6 +58,7 @@ from agents.safety.fault_detector import FaultDetector, Faults
 from agents.safety.fence import Area
 from agents.safety.guard import Guard, Guarded, GuardStatus, Interventions
 from agents.safety.neighbours import NEAR_FOR_S, Neighbours
+from agents.safety.traffic import Traffic
 from agents.setpoint import STAYS, Altitude, FeedForward, SlewLimit, Yaw
 from agents.settings.config import AgentConfig
 from agents.situation.estimator import Estimator
@@ -68,6 +71,7 @@ from agents.team.consistency_check import ConsistencyCheck, Limits
 from agents.team.inbox import Inbox
 from agents.team.messages import (
     CONDITIONS_LIMIT,
+    LINK_SILENT_S,
     CommandAnswer,
     CommandedRing,
     Goal,
@@ -89,6 +93,7 @@ _KEEPS_ITS_PLACE = ("hold", "aside", "land", "return and land", "pilot override"
 _GO_MAX_M = 1000.0
 """A vehicle is sent no farther: a longer way is likely a slip."""
 _GOES_ON = ("start", "resume", "formation", "ring", "assign", "goto")
+_COMES_DOWN = {Tactic.RETURN_AND_LAND.value, Tactic.LAND.value}
 """With any other verb an operator takes the decision to resume."""
 
 
@@ -97,48 +102,15 @@ class VehicleCore:
     """Estimates, decides, plans and guards for one vehicle; `planner` makes its plug-in planner, if any."""
 
     def __init__(self, config: AgentConfig, planner: PlannerFactory | None = None) -> None:
-        self._config = config
-        clocks = ClockWatch()
+        self._mission_config, self._plug_in = config, planner
         self._notes = Notes()
-        self._team = Team(ConsistencyCheck(Limits(config.safety, config.failsafe.doubt_m), clocks, POSITION_ALERTS))
-        self._inbox = Inbox(config.vehicle_id, config.slots, clocks)
         shapes = config.shapes if config.excitation is None else ()
         rings = tuple(each.name for each in config.rings)
         self.commands = CommandHandler(config.vehicle_id, config.safety.abort_hover_s, shapes, self._notes, rings)
-        self._estimator = Estimator(config)
-        self._own_sensors = OwnSensors(config)
-        self._chooser = RingChooser(config) if len(config.rings) > 1 else None
-        self._broadcast = StateBroadcast(config, self._team, self._own_sensors, self._chooser)
-        self._fault_detector = FaultDetector(config, self._estimator, self._own_sensors, self._team, clocks)
-        self._vehicle = self._fault_detector.vehicle
-        self._failsafe = FailsafeMonitor(config)
-        self._planner = planner_of(config, self._team, planner)
-        self._has_plug_in = planner is not None
-        self._slew_limit = SlewLimit(config)
-        self._neighbours = Neighbours(config)
-        self._guard = Guard(config)
-        self._interventions = Interventions()
-        self._feedforward = FeedForward(config.plant, config.safety.speed_max_m_s)
-        self._yaw = Yaw(config)
-        self._altitude = Altitude(config)
-        self._tactic = Tactic.STANDBY
-        self.landing_cause: LandingCause | None = None  # why it lands before its mission's end
-        self._layer_m = config.take_off_altitude_m
-        self._start_s = inf
-        self._formed_s: float | None = None
-        self._reshaping: Reshaping | None = None
-        self._wanted: Wanted | None = None
-        self._commanded = CommandedRings(config)
-        self._sightings: list[Sighting] = []
         self._answers: list[CommandAnswer] = []
-        self._bus_drops = NO_DROPS
         self._revoked: tuple[str, ...] = ()
-        self._reference: Reference | None = None
-        self._jumps = 0
-        self._restarts = 0
         self._now_s = 0.0
-        self._time_scale = 1.0
-        self._was_armed = self._was_in_air = self._ends = self._is_over = self._is_adopted = False
+        self._begin(config)
         self._takes: dict[type, Callable[[Any], None]] = {
             TimeScale: self._take_time_scale,
             Start: self._take_start,
@@ -154,8 +126,51 @@ class VehicleCore:
             Message: self._take_message,
             Command: self._take_command,
             Killed: self._take_killed,
+            Rejoined: self._take_rejoined,
             Presence: self._take_presence,
         }
+
+    def _begin(self, config: AgentConfig) -> None:
+        """Begin a flight, the first or another one, with nothing of an earlier one but what operators commanded."""
+        self._config = config
+        clocks = ClockWatch()
+        self._team = Team(ConsistencyCheck(Limits(config.safety, config.failsafe.doubt_m), clocks, POSITION_ALERTS))
+        self._inbox = Inbox(config.vehicle_id, config.slots, clocks)
+        self._estimator = Estimator(config)
+        self._own_sensors = OwnSensors(config)
+        self._chooser = RingChooser(config) if len(config.rings) > 1 else None
+        self._traffic = Traffic(config)
+        self._broadcast = StateBroadcast(config, self._team, self._own_sensors, self._chooser, self._traffic)
+        self._fault_detector = FaultDetector(config, self._estimator, self._own_sensors, self._team, clocks)
+        self._vehicle = self._fault_detector.vehicle
+        self._failsafe = FailsafeMonitor(config)
+        self._planner = planner_of(config, self._team, self._plug_in)
+        self._has_plug_in = self._plug_in is not None
+        self._slew_limit = SlewLimit(config)
+        self._neighbours = Neighbours(config)
+        self._guard = Guard(config)
+        self._interventions = Interventions()
+        self._feedforward = FeedForward(config.plant, config.safety.speed_max_m_s)
+        self._yaw = Yaw(config)
+        self._camera = CameraAim(config)
+        self._altitude = Altitude(config)
+        self._tactic = Tactic.STANDBY
+        self.landing_cause: LandingCause | None = None  # why it lands before its mission's end
+        self._layer_m = config.take_off_altitude_m
+        self._start_s = inf
+        self._formed_s: float | None = None
+        self._reshaping: Reshaping | None = None
+        self._wanted: Wanted | None = None
+        self._commanded = CommandedRings(config)
+        self._sightings: list[Sighting] = []
+        self._bus_drops = NO_DROPS
+        self._reference: Reference | None = None
+        self._jumps = 0
+        self._restarts = 0
+        self._height_m = 0.0
+        self._time_scale = 1.0
+        self._was_armed = self._was_in_air = self._ends = self._is_over = self._is_adopted = False
+        self._is_cut_in_air = self._fell = False
 
     # The tick
 
@@ -212,6 +227,9 @@ class VehicleCore:
             self._jumps = self._estimator.own.jumps
             self._leave_old_place()
         situation = self._estimator.estimate(now_s, sightings)
+        if situation is not None:
+            self._traffic.update(situation, self._team.members())
+            self._fault_detector.traffic_near = self._traffic.near(situation)
         if situation is not None and self._team.watch_due(now_s):
             self._team.watch(self._neighbours.near(situation, self._team.members()), now_s + NEAR_FOR_S)
             self._broadcast.often = self._neighbours.meets(situation, self._team.near())
@@ -286,10 +304,13 @@ class VehicleCore:
         near = self._team.near()
         exposed = self._neighbours.exposed(situation, near, aim_m) if not (lost or doubtful) else near
         bodies, encircles = self._neighbours.bodies, self._tactic in (Tactic.ENCIRCLE, Tactic.TRANSIT)
-        guarded = self._guard.check(situation, aim_m, bodies(situation, exposed, lost, doubtful, encircles=encircles))
+        traffic = self._traffic.bodies(situation)
+        kept_from = bodies(situation, exposed, lost, doubtful, encircles=encircles)
+        guarded = self._guard.check(situation, aim_m, kept_from, traffic)
         if guarded.aim_m is aim_m or len(exposed) == len(near):
             return guarded
-        return self._guard.check(situation, aim_m, bodies(situation, near, lost, doubtful, encircles=encircles))
+        kept_from = bodies(situation, near, lost, doubtful, encircles=encircles)
+        return self._guard.check(situation, aim_m, kept_from, traffic)
 
     def _send(self, task: Task, plan: Plan, guarded: Guarded) -> TickOutput:
         """Make the setpoint from the guarded aim; record and publish what is sent."""
@@ -452,7 +473,8 @@ class VehicleCore:
         (x, y), velocity = self._feedforward.split(situation, plan, guarded, climb_m_s)
         off_x, off_y = self._estimator.offset_m
         yaw_rad = self._yaw.turn(task.tactic, situation)
-        return Setpoint((x + off_x, y + off_y, altitude_m), yaw_rad, velocity)
+        camera_rad = self._camera.next(situation, self._estimator.link_delay_s, self._altitude.target_m)
+        return Setpoint((x + off_x, y + off_y, altitude_m), yaw_rad, velocity, camera_rad)
 
     # Inputs between ticks
 
@@ -472,7 +494,7 @@ class VehicleCore:
         """Why the vehicle must not resume, None if it may."""
         status = self._vehicle.status
         if self._was_in_air and status.connected and not status.in_air:  # its motors still turn for some seconds
-            return "it has flown and is on the ground: end the flight, then take off again"
+            return "it has flown and is on the ground: it takes off again by rejoin"
         if self._reference is not None and not self._reference.is_known:
             return "the origin of its positions is being read again"
         return self._failsafe.refuse_resume()
@@ -504,13 +526,26 @@ class VehicleCore:
         self._change(item.event)
 
     def _take_autopilot(self, item: AutopilotStatus) -> None:
+        if self._vehicle.status.armed and item.status.connected and not item.status.armed and item.status.in_air:
+            self._fell = self._fell or self._is_high
         self._vehicle.status = item.status
+        self._traffic.receive(item.status.traffic)
         self._follow_reference(item.status.reference)
         self._estimator.follow_link(item.status.round_trip_s)
         self._was_armed = self._was_armed or item.status.armed
         self._was_in_air = self._was_in_air or item.status.in_air
         if item.status.lost is not Connection.NONE or item.status.mode_by is not ModeSource.UNKNOWN:
             self._name_override()
+
+    @property
+    def _is_reserve(self) -> bool:
+        return self._config.vehicle_id in self._config.reserves
+
+    @property
+    def _is_high(self) -> bool:
+        """Whether the vehicle was clearly above the ground when its position was received last."""
+        low_m = 0.5 * min(self._mission_config.altitude_m, self._mission_config.take_off_altitude_m)
+        return self._height_m > low_m
 
     def _follow_reference(self, reference: Reference) -> None:
         """Take what the positions refer to: a change since the last status is an event."""
@@ -541,7 +576,7 @@ class VehicleCore:
         self.commands.start_blockers = item.start_blockers
 
     def _take_telemetry(self, telemetry: Telemetry) -> None:
-        x, y, _ = telemetry.position_m
+        x, y, self._height_m = telemetry.position_m
         self._vehicle.plant.measured(telemetry.time_s, x, y)
         self._estimator.measure(telemetry)
 
@@ -588,6 +623,7 @@ class VehicleCore:
     def _take_state(self, state: MemberState) -> None:
         self._receive_sightings(state)
         self._team.receive(state)
+        self._traffic.hear(state.traffic)
         if state.shape is not None:
             self._reshape(Reshaping(state.shaped_s, state.shape))
         commanded = state.choice.commanded if state.choice is not None else [state.ring] if state.ring else []
@@ -610,6 +646,14 @@ class VehicleCore:
 
     def _take_killed(self, item: Killed) -> None:
         self.commands.on_killed(item.refusal, item.now_s)
+        self._fell = self._fell or (self._is_cut_in_air and not item.refusal)
+
+    def _take_rejoined(self, item: Rejoined) -> None:
+        self.commands.on_rejoined(item.refusal, item.now_s)
+        if item.refusal:
+            return
+        self._begin(self._mission_config)
+        self._follow_commands()
 
     def _take_presence(self, item: Presence) -> None:
         if not item.present:
@@ -629,7 +673,12 @@ class VehicleCore:
             circumstances = circumstances._replace(place_refused=self._place_refusal(command.place))
         if (event := self.commands.take(command, self._tactic, now_s, circumstances)) is not None:
             self._change(event, cause=LandingCause(verb=command.verb, origin=command.origin))
+        self._is_cut_in_air = self.commands.kills and (self._is_cut_in_air or self._vehicle.status.in_air)
         self._go_where_sent()
+        self._follow_commands()
+
+    def _follow_commands(self) -> None:
+        """Take the shape, the rings and the assignment that operators commanded last."""
         if self.commands.reshaping is not None:
             self._reshape(self.commands.reshaping)
         for number, ring in enumerate(self.commands.commanded_rings):
@@ -676,13 +725,32 @@ class VehicleCore:
             refused = f"{refused}; {change.text(now_s)}"
         return Circumstances(
             resume_refused=refused,
-            is_down=status.connected and self._was_armed and not status.armed,
+            is_down=status.connected and not status.armed and (self._was_armed or self._is_reserve),
+            rejoin_refused=self._rejoin_refused(now_s),
             ring=self._config.ring if self._tactic is Tactic.ENCIRCLE else None,
             follows=not status.connected or status.mode in (FlightMode.OFFBOARD, FlightMode.UNKNOWN),
             link_lost=self._was_armed and not status.connected,
             ends=self._ends,
             is_over=self._is_over,
         )
+
+    def _rejoin_refused(self, now_s: float) -> str:
+        """Return why the vehicle must not take off again, as far as it knows; empty if it may."""
+        status = self._vehicle.status
+        if self._fell:
+            return "it fell: recover and inspect it, and fly it in another flight"
+        if not status.connected:
+            return "its link is lost: rejoin once it is received again"
+        if status.armed or status.in_air:
+            flown = self._tactic is Tactic.PILOT_OVERRIDE
+            return "it is in a pilot's hands: let its pilot land and disarm it" if flown else "it has not landed"
+        if self._is_over or self._ends:
+            return "its mission is over"
+        recent_s = now_s - LINK_SILENT_S * self._time_scale
+        tactics = {each.tactic for each in self._team.members() if each.time_s >= recent_s}
+        if tactics and tactics <= _COMES_DOWN:
+            return "the others return and land"
+        return ""
 
     def _receive_sightings(self, state: MemberState) -> None:
         for package in state.sightings:

@@ -177,6 +177,20 @@ class Killed(_Input, frozen=True):
         return f"motors: {self.refusal}" if self.refusal else "motors: cut"
 
 
+class Rejoined(_Input, frozen=True):
+    """What became of a command to rejoin, and its time: why it was refused, empty if the vehicle takes off again.
+
+    A core whose vehicle takes off again begins anew: it keeps what operators have commanded, and nothing else.
+    """
+
+    topic: ClassVar = "rejoined"
+    now_s: float
+    refusal: str
+
+    def _text(self, _time: Time) -> str:
+        return f"rejoin: {self.refusal}" if self.refusal else "rejoin: another flight begins"
+
+
 class Presence(_Input, frozen=True):
     """A peer has joined or left the bus."""
 
@@ -213,6 +227,7 @@ ReceivedInput = (
     | Message
     | Command
     | Killed
+    | Rejoined
     | Presence
 )
 """What a core takes between two ticks."""

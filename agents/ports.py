@@ -10,7 +10,7 @@ import msgspec
 
 from agents.drops import Drops, Refusals
 from agents.team.external_positions import ExternalPosition
-from agents.team.messages import AutopilotReport, BusMessage
+from agents.team.messages import Aircraft, AutopilotReport, BusMessage
 from estimation.frames import Triple
 from estimation.state import Sighting, Telemetry
 
@@ -77,7 +77,8 @@ class VehicleStatus(AutopilotReport, frozen=True):
     `satellites`; `gps_threat` names jamming or spoofing, `lost` the connection whose loss it has reported or which
     explains its failsafe, `mode_by` what changed its flight mode last. `round_trip_s` is the time from a message to its
     answer [s of the mission clock]; `link_fault` describes how the link is degraded, `battery_fault` what the autopilot
-    says of a battery; `stale` names the repeated reports that have stopped.
+    says of a battery, `gimbal_fault` why the gimbal does not follow the mission; `stale` names the repeated reports
+    that have stopped. `traffic` are the nearest aircraft outside the vehicle that it receives.
     """
 
     connected: bool = False
@@ -101,24 +102,31 @@ class VehicleStatus(AutopilotReport, frozen=True):
     stale: str = ""
     mode_by: ModeSource = ModeSource.UNKNOWN
     reference: Reference = Reference()
+    gimbal_fault: str = ""
+    traffic: tuple[Aircraft, ...] = ()
 
 
 class Setpoint(msgspec.Struct, frozen=True):
     """A position setpoint in the mission frame, and the yaw counter-clockwise from its x axis.
 
-    `velocity_m_s` is the velocity (x, y, z) to be fed forward with the position; empty if none is sent. Raises
-    ValueError when a number is not finite: only finite numbers may be sent.
+    `velocity_m_s` is the velocity (x, y, z) to be fed forward with the position; empty if none is sent. `camera_rad`
+    are the elevation above the horizontal and the bearing, as the yaw, that the camera's gimbal is to be sent; empty if
+    none is sent. Raises ValueError when a number is not finite: only finite numbers may be sent.
     """
 
     position_m: Triple
     yaw_rad: float = 0.0
     velocity_m_s: tuple[float, ...] = ()
+    camera_rad: tuple[float, ...] = ()
 
     def __post_init__(self) -> None:
-        if not all(map(isfinite, (*self.position_m, self.yaw_rad, *self.velocity_m_s))):
-            raise ValueError(f"setpoint {self.position_m}, {self.yaw_rad}, {self.velocity_m_s} is not finite")
+        numbers = *self.position_m, self.yaw_rad, *self.velocity_m_s, *self.camera_rad
+        if not all(map(isfinite, numbers)):
+            raise ValueError(f"setpoint {', '.join(map(str, numbers))} is not finite")
         if len(self.velocity_m_s) not in (0, 3):
             raise ValueError(f"setpoint velocity {self.velocity_m_s}: it must have three parts, or none")
+        if len(self.camera_rad) not in (0, 2):
+            raise ValueError(f"camera {self.camera_rad}: it must have elevation and bearing, or none")
 
 
 class VehicleRefusedError(Exception):

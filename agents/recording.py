@@ -5,7 +5,7 @@ from typing import Protocol
 from agents.control.plan import PlannerFactory
 from agents.core import VehicleCore
 from agents.drops import NO_DROPS
-from agents.inputs import Bus, Computer, CoreInput, LateTicks, ReceivedInput, Tick
+from agents.inputs import Bus, Computer, CoreInput, LateTicks, ReceivedInput, Rejoined, Tick
 from agents.outputs import TickOutput
 from agents.settings.config import AgentConfig
 
@@ -26,7 +26,7 @@ class RecordedCore(VehicleCore):
     def __init__(self, config: AgentConfig, recorder: InputRecorder, planner: PlannerFactory | None = None) -> None:
         super().__init__(config, planner)
         self._write = recorder.write
-        self._lasting: dict[type, ReceivedInput] = {type(each): each for each in _AT_FIRST}
+        self._lasting = _lasting_at_first()
 
     def take(self, item: ReceivedInput) -> None:
         """See VehicleCore."""
@@ -37,6 +37,8 @@ class RecordedCore(VehicleCore):
             self._lasting[kind] = item
             self._write(item)
         super().take(item)
+        if type(item) is Rejoined and not item.refusal:  # the core has begun anew
+            self._lasting = _lasting_at_first()
 
     def tick(self, now_s: float) -> TickOutput:
         """See VehicleCore."""
@@ -44,6 +46,10 @@ class RecordedCore(VehicleCore):
         output = super().tick(now_s)
         self._write(output)
         return output
+
+
+def _lasting_at_first() -> dict[type, ReceivedInput]:
+    return {type(each): each for each in _AT_FIRST}
 
 
 def replay_input(core: VehicleCore, item: CoreInput) -> TickOutput | None:

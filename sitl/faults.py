@@ -20,7 +20,7 @@ class VehicleFaults:
     `origin_moved_m` is how far the origin of its local NED has moved since boot, in the mission frame: it knows its
     place on Earth as well as before. `height_jump_m` is an offset of its height that its own tests do not show, as
     after a reset of the estimator; neither its barometer nor its GPS has it. `barometer_off_m` is an error of the
-    barometer that the estimate follows.
+    barometer that the estimate follows. A silent gimbal does not report its attitude.
     """
 
     link_cut: bool = False
@@ -37,6 +37,7 @@ class VehicleFaults:
     origin_moved_m: Triple = (0.0, 0.0, 0.0)
     height_jump_m: float = 0.0
     barometer_off_m: float = 0.0
+    gimbal_silent: bool = False
 
     @property
     def unnoticed_m(self) -> float:

@@ -1,7 +1,8 @@
 """Return and land: separate altitude layers, the landing order, and when vehicles leave the take-off layers.
 
 Returning vehicles first climb to their layers above all vehicles that still fly the mission, so their paths cross at
-different heights only. The lowest lands first; no vehicle descends while one below it is still flying home.
+different heights only. The lowest lands first; no vehicle descends while one below it is still flying home. Where it
+begins, a vehicle chooses the nearest of its places: its start, or a spot at a rally point, where nobody else lands.
 """
 
 from collections.abc import Collection, Iterable
@@ -67,6 +68,8 @@ class Homing:
         """Climb to the layer in place, then fly home by the shortest way; without a home, stay."""
         if self._began_s is None:
             self._began_s, self._from_m = situation.now_s, situation.own.mean[POSITION].copy()
+            if self.returns:
+                self._home_m = self._nearest_m()
             self._length_m = self._home_length_m()
         risen = abs(situation.height_m - self._config.return_altitude_m) < HEIGHT_TOLERANCE_M
         if risen and situation.now_s - self._began_s > self._config.rising_s:
@@ -110,6 +113,13 @@ class Homing:
         (x, y), (home_x, home_y) = situation.acting_motion[POSITION].tolist(), self._goal.tolist()
         return np.array(self._way.next_m((x, y), (home_x, home_y)))
 
+    def _nearest_m(self) -> tuple[float, float] | None:
+        """Return the landing place with the shortest way from where the return begins; without ways, the nearest."""
+        from_x, from_y = self._from_m.tolist()
+        goals = self._config.landing_places_m
+        way = [] if self._way is None else self._way.routes.way_m((from_x, from_y), goals)
+        return min(goals, key=lambda goal: dist(goal, way[-1] if way else (from_x, from_y)))
+
     def _home_length_m(self) -> float:
         """Return the length of the way home from where the return began."""
         straight_m = hypot(*(self._goal - self._from_m).tolist())
@@ -138,7 +148,7 @@ def assembled(
     Peers that have not been received yet are waited for until a timeout; `flown_s` is the time since the mission's
     start.
     """
-    if len(peers) + 1 < len(config.slots) and flown_s < NOT_RECEIVED_LONGEST_S:
+    if len(peers) + 1 < len(config.starters) and flown_s < NOT_RECEIVED_LONGEST_S:
         return False
     here_x, here_y = position_m.tolist()
     for peer in peers:

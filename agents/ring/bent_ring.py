@@ -16,7 +16,7 @@ import numpy as np
 from agents.ring.detour import MARGIN_M
 from agents.ring.feasibility import RESERVE
 from agents.ring.place import chord_m
-from agents.safety.routes import passing_room_m, shapes_of
+from agents.safety.routes import passing_room_m, shapes_of, wider
 from agents.settings.sections import EncirclementSettings, NoFlySection, SafetySettings
 from estimation.state import Vector
 from estimation.vectors import Pair
@@ -27,8 +27,10 @@ _WIDTHS: Final = (9, 12, 16, 21, 28, 37, 50, 66, 88)
 """In steps: the angles over which a bend may begin and end."""
 _SIDES_MAX = 8
 """With more zones on the ring, it passes all of them on one side."""
-_ACCELERATION_SHARE = 0.5
-"""The share of the acceleration that a bend may take; the rest is for corrections."""
+_ACCELERATION_SHARES: Final = (0.5, 0.8)
+"""The shares of the acceleration that a bend may take: the second one if there is none with the first. The rest is for
+corrections.
+"""
 _FASTER = 1.2
 """By how much a vehicle on the ring may be faster than it, for the room to zones."""
 _REBUILT_M, _BLENDED_S = 0.3, 2.0
@@ -77,11 +79,10 @@ class Bender:
         self._radius_m, self._rate_rad_s = ring.radius_m, abs(ring.angular_rate_rad_s)
         room_m = passing_room_m(_FASTER * self._rate_rad_s * ring.radius_m, safety)
         self._shapes = shapes_of(zones, room_m)
-        self._fences = [NoFlySection(name="fence", polygon_m=safety.fence_m)] if safety.fence_m else []
-        self._fence_shapes = shapes_of(self._fences, -room_m)
+        self._fence_shapes = wider(safety.fence_m, -room_m) if safety.fence_m else None
         self._speed_m_s = RESERVE * min(ring.speed_max_m_s, safety.speed_max_m_s)
         most_m_s2 = min(ring.acceleration_max_m_s2, safety.acceleration_max_m_s2)
-        self._acceleration_m_s2 = _ACCELERATION_SHARE * most_m_s2
+        self._acceleration_m_s2 = most_m_s2
         self._least_m = max(
             ring.radius_min_m + MARGIN_M,
             safety.keep_out_m + MARGIN_M if safety.keep_out_m else 0.0,
@@ -91,6 +92,12 @@ class Bender:
 
     def bend(self, centre_m: Pair) -> RingBend | None:
         """Return the bend about a centre, None if no side of some zone can be passed."""
+        for share in _ACCELERATION_SHARES:
+            if (found := self._bend(centre_m, share * self._acceleration_m_s2)) is not None:
+                return found
+        return None
+
+    def _bend(self, centre_m: Pair, most_m_s2: float) -> RingBend | None:
         low_m, high_m = self._intervals(centre_m)
         reach_m = self._reach_m(centre_m)
         # A ring that keeps the room to all zones anyway is a circle.
@@ -103,7 +110,7 @@ class Bender:
             inside = [k for k in range(len(sides)) if k not in outside]
             least_m = np.maximum(high_m[outside].max(axis=0, initial=0.0), self._least_m)
             most_m = np.minimum(low_m[inside].min(axis=0, initial=inf), reach_m)
-            off_m, cost = self._smoothed(least_m, most_m, best_cost)
+            off_m, cost = self._smoothed(least_m, most_m, most_m_s2, best_cost)
             if off_m is not None:
                 radius_m = self._radius_m + off_m
                 next_m = np.where(low_m > radius_m, low_m, inf).min(axis=0, initial=inf)
@@ -118,7 +125,9 @@ class Bender:
             return 1
         return -1 if bool((low_m >= self._radius_m).all()) else 0
 
-    def _smoothed(self, least_m: Vector, most_m: Vector, below: float) -> tuple[Vector | None, float]:
+    def _smoothed(
+        self, least_m: Vector, most_m: Vector, acceleration_m_s2: float, below: float
+    ) -> tuple[Vector | None, float]:
         """Return the bend nearest to the circle between two radii at each bearing, and its cost, None without one."""
         if bool((least_m > most_m).any()):
             return None, inf
@@ -130,17 +139,17 @@ class Bender:
                 break
             radius_m = self._radius_m + off_m
             fits = bool((radius_m >= least_m - 1e-6).all()) and bool((radius_m <= most_m + 1e-6).all())
-            if fits and self._is_flyable(radius_m):
+            if fits and self._is_flyable(radius_m, acceleration_m_s2):
                 return off_m, cost
         return None, inf
 
-    def _is_flyable(self, radius_m: Vector) -> bool:
+    def _is_flyable(self, radius_m: Vector, acceleration_m_s2: float) -> bool:
         """Return whether speed and acceleration suffice at the ring's rate w: r' = w dr/dphi, and (3) of the paper."""
         slope = (np.roll(radius_m, -1) - np.roll(radius_m, 1)) / (2.0 * _STEP_RAD)
         curvature = (np.roll(radius_m, -1) - 2.0 * radius_m + np.roll(radius_m, 1)) / _STEP_RAD**2
         fastest_m_s = self._rate_rad_s * np.hypot(radius_m, slope).max()
         most_m_s2 = self._rate_rad_s**2 * np.hypot(curvature - radius_m, 2.0 * slope).max()
-        return bool(fastest_m_s <= self._speed_m_s) and bool(most_m_s2 <= self._acceleration_m_s2)
+        return bool(fastest_m_s <= self._speed_m_s) and bool(most_m_s2 <= acceleration_m_s2)
 
     def _intervals(self, centre_m: Pair) -> tuple[Vector, Vector]:
         """Return the least and the largest radius of each zone at each bearing, (zones, BEARINGS); inf, -inf off it."""
@@ -153,7 +162,7 @@ class Bender:
 
     def _reach_m(self, centre_m: Pair) -> Vector:
         """Return the distance of the fence, less the room, at each bearing."""
-        if not self._fences:
+        if self._fence_shapes is None:
             return np.full(BEARINGS, inf)
         for corners_m in self._fence_shapes:
             least_m, _, crossings = _crossed(corners_m, centre_m)

@@ -1,7 +1,7 @@
 """Whether the battery suffices for the flight home: the time that it takes, and the flight time that is left."""
 
 from collections import deque
-from math import hypot, inf
+from math import dist, hypot, inf
 
 from agents.settings.config import AgentConfig
 
@@ -22,14 +22,14 @@ def return_duration_s(
     height_m: float,
     disturbance_m_s2: tuple[float, float],
 ) -> float:
-    """Return the time that the vehicle takes to climb to its layer, fly home and land [s].
+    """Return the time that the vehicle takes to climb to its layer, fly home or to a rally point, and land [s].
 
     The setpoint leads by v a1/a0, where v is `formation.speed_max_m_s`. With a steady disturbance w along the route the
     plant's speed is v + w / a1. A head wind is counted without compensation, a tail wind is not counted. Without a home
     the vehicle lands where it is.
     """
     x, y = place_m
-    home_x, home_y = config.home_m or place_m
+    home_x, home_y = min(config.landing_places_m, key=lambda spot_m: dist(spot_m, place_m), default=place_m)
     away_m = hypot(home_x - x, home_y - y)
     landing_s = max(height_m, config.return_altitude_m if away_m else height_m) / SINK_SLOWEST_M_S
     if away_m == 0.0:

@@ -56,6 +56,8 @@ class Condition(Enum):
     LINK_DEGRADED = "link degraded"
     BATTERY_WARNING = "battery warning"
     STATUS_STALE = "status stale"
+    GIMBAL_FAILED = "gimbal failed"
+    TRAFFIC_NEAR = "traffic near"
     COMPUTER_SHORT = "computer short of memory or disk"
     LEADER_LOST = "leader lost"
     PEER_SILENT = "peer silent"
@@ -492,6 +494,24 @@ TABLE = (
         BY_ITSELF,
         "land it soon: nothing watches what is not reported",
         reported=lambda status, _: status.stale,
+        explained_by=(Condition.TELEMETRY_STALE,),
+    ),
+    Row(
+        Condition.TRAFFIC_NEAR,
+        "an aircraft outside the team is nearer than `safety.traffic_distance_m`",
+        "",
+        (Reaction.DEGRADE,),
+        BY_ITSELF,
+        "look for it; land the team if it comes nearer",
+    ),
+    Row(
+        Condition.GIMBAL_FAILED,
+        "its camera's gimbal is silent or stuck, or another station controls it",
+        "",
+        (Reaction.DEGRADE,),
+        BY_ITSELF,
+        "fly on without its camera",
+        reported=lambda status, _: status.gimbal_fault,
         explained_by=(Condition.TELEMETRY_STALE,),
     ),
     Row(

@@ -65,6 +65,7 @@ class FaultDetector:
         self._flood = _Flood(config.failsafe.flood_per_s)
         self.unsolved = False
         self.computer_short_of = ""
+        self.traffic_near = ""
 
     def detect(self, situation: Situation, tactic: Tactic, active: Container[Condition], time_scale: float) -> Faults:
         """Return the faults of this tick.
@@ -138,6 +139,8 @@ class FaultDetector:
             self._add(faults, now_s, Condition.LATE_TICKS, "the control loop does not keep its rate")
         if self.computer_short_of:
             self._add(faults, now_s, Condition.COMPUTER_SHORT, self.computer_short_of)
+        if self.traffic_near:
+            self._add(faults, now_s, Condition.TRAFFIC_NEAR, self.traffic_near)
         if not self.bus_alive:
             self._add(faults, now_s, Condition.BUS_LOST, "the Zenoh session is closed")
         if self.operated:

@@ -138,13 +138,15 @@ class Guard:
         self._area = Area(config.safety)
         self._qp: _ElasticQp | None = None
 
-    def check(self, situation: Situation, aim_m: Vector, bodies: Sequence[Body]) -> Guarded:
-        """Return the aim nearest to `aim_m` (2,) that meets all demands."""
+    def check(
+        self, situation: Situation, aim_m: Vector, bodies: Sequence[Body], traffic: Sequence[Body] = ()
+    ) -> Guarded:
+        """Return the aim nearest to `aim_m` (2,) that meets all demands: apart from own `bodies` and from `traffic`."""
         position = situation.acting_motion[POSITION]
         x, y = (aim_m - position).tolist()
         lead = (x, y)
         reached = self._reached(lead)
-        rows = self._rows(situation, bodies, reached) if self._safety.guard else []
+        rows = self._rows(situation, bodies, traffic, reached) if self._safety.guard else []
         missed = [row for row in rows if row.plane.missing(reached) > _KEPT_M]
         if missed:
             return self._kept(position, lead, reached, rows, missed)
@@ -205,12 +207,13 @@ class Guard:
         """Limit the lead of the aim: a wrong estimate must not send the vehicle far away."""
         return clipped_pair(lead, self._safety.setpoint_lead_max_m)
 
-    def _rows(self, situation: Situation, bodies: Sequence[Body], lead: Pair) -> list[_Row]:
+    def _rows(self, situation: Situation, bodies: Sequence[Body], traffic: Sequence[Body], lead: Pair) -> list[_Row]:
         """Return the half-planes of the lead; none if this lead meets all demands, which is the usual case."""
         safety = self._safety
         x, y, x_rate, y_rate = situation.acting_motion.tolist()
         place, velocity, rate = (x, y), (x_rate, y_rate), safety.barrier_rate_per_s
         demands = [apart(place, velocity, body, rate, Cause.SEPARATION) for body in bodies]
+        demands += [apart(place, velocity, each, rate, Cause.KEEP_OUT) for each in traffic]
         demands += slow(velocity, safety.speed_max_m_s, rate)
         if safety.keep_out_m > 0.0:
             own = situation.acting_target

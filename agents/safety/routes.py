@@ -88,22 +88,28 @@ def routes_between(zones: tuple[NoFlySection, ...], fence_m: tuple[Pair, ...], r
 
 
 def shapes_of(zones: Sequence[NoFlySection], room_m: float) -> list[Vector]:
-    """Return the corners (n, 2) of zones that are wider by some room, of a negative one narrower."""
+    """Return the corners (n, 2) of zones that are wider by some room; their edges keep it as well."""
     import shapely  # noqa: PLC0415
 
     shapes = list[Vector]()
     for each in zones:
         if each.center_m is None or each.radius_m is None:
-            # The chords of the arcs keep the room as well.
-            wide_m = room_m / cos(pi / (4.0 * _ARC_PARTS)) if room_m > 0.0 else room_m
-            shape = shapely.Polygon(each.polygon_m).buffer(wide_m, quad_segs=_ARC_PARTS)
+            shapes += wider(each.polygon_m, room_m)
         else:
             wide_m = (each.radius_m + room_m) / cos(pi / (8.0 * _ARC_PARTS))
             shape = shapely.Point(each.center_m).buffer(wide_m, quad_segs=2 * _ARC_PARTS)
-        for part in shapely.get_parts(shape):
-            if not part.is_empty:
-                shapes.append(np.asarray(shapely.get_coordinates(part.exterior)[:-1], dtype=np.float64))
+            shapes.append(np.asarray(shapely.get_coordinates(shape)[:-1], dtype=np.float64))
     return shapes
+
+
+def wider(corners_m: Sequence[Pair], room_m: float) -> list[Vector]:
+    """Return the corners (n, 2) of a polygon that is wider by some room; a narrower one may have several parts."""
+    import shapely  # noqa: PLC0415
+
+    wide_m = room_m / cos(pi / (4.0 * _ARC_PARTS)) if room_m > 0.0 else room_m
+    parts = shapely.get_parts(shapely.Polygon(corners_m).buffer(wide_m, quad_segs=_ARC_PARTS)).tolist()
+    corners = [shapely.get_coordinates(part.exterior)[:-1] for part in parts if not part.is_empty]
+    return [np.asarray(each, dtype=np.float64) for each in corners]
 
 
 class Routes:

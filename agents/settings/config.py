@@ -11,6 +11,7 @@ from agents.settings.sections import (
     ExcitationSettings,
     FailsafeSettings,
     FormationSettings,
+    GimbalSettings,
     SafetySettings,
 )
 from agents.settings.shapes import SHAPES, Shape, SpacedShape, gap_m, offset_m
@@ -44,10 +45,12 @@ class AgentConfig:
 
     `slots` are the vehicles of the formation in line order, with this one; `line_start_m` is the start of the leader's
     line, `altitude_m` its flying height, `communication_radius_m` the radio range. `home_m` is where it takes off
-    (None: it lands in place), `layers_from_m` the lowest layer's height and `altitude_lowest_m` the lowest flying
-    height (None: its own). The ring's lowest vehicle stays between the two of `lowest_between_m`, which keeps every
-    vehicle inside its limits. `slots_m` are the positions in a free formation,
+    (None: it lands in place), `rally_m` are its spots at the rally points, `layers_from_m` is the lowest layer's height
+    and `altitude_lowest_m` the lowest flying height (None: its own). The ring's lowest vehicle stays between the two of
+    `lowest_between_m`, which keeps every vehicle inside its limits. `slots_m` are the positions in a free formation,
     `gaps` the weights of the ring's gaps. With `excitation` it flies for identification.
+    With a `gimbal` its camera looks at the target. Those
+    of the formation in `reserves` do not fly from the start.
 
     A mission of several rings has them all in `rings`, and the names of its targets in `targets`; `ring` is the number
     of the one that the vehicle flies, whose settings are `encirclement`. Both are empty with one ring.
@@ -69,16 +72,24 @@ class AgentConfig:
     target_filter: TargetFilterSettings = field(default_factory=TargetFilterSettings)
     choreography: ChoreographySettings = field(default_factory=ChoreographySettings)
     home_m: tuple[float, float] | None = None
+    rally_m: tuple[tuple[float, float], ...] = ()
     layers_from_m: float | None = None
     altitude_lowest_m: float | None = None
     lowest_between_m: tuple[float | None, float | None] = (None, None)
     slots_m: tuple[tuple[float, float], ...] = ()
     gaps: Mapping[int, float] = field(default_factory=dict, hash=False)
     excitation: ExcitationSettings | None = None
+    gimbal: GimbalSettings | None = None
     profile: str = ""
     targets: tuple[str, ...] = ()
     rings: tuple[RingConfig, ...] = ()
     ring: int = 0
+    reserves: tuple[int, ...] = ()
+
+    @property
+    def landing_places_m(self) -> tuple[tuple[float, float], ...]:
+        """Where it may land: where it takes off and its spots at rally points; none without a home."""
+        return () if self.home_m is None else (self.home_m, *self.rally_m)
 
     def on_ring(self, ring: int) -> "AgentConfig":
         """Return the configuration of this vehicle on another of its mission's rings; it is this one with one ring."""
@@ -93,6 +104,11 @@ class AgentConfig:
     def target(self) -> str | None:
         """The name of the target of the ring that it flies, None in a mission of one target."""
         return self.rings[self.ring].target if self.rings and self.targets else None
+
+    @property
+    def starters(self) -> tuple[int, ...]:
+        """The vehicles of the formation that begin the mission together."""
+        return tuple(each for each in self.slots if each not in self.reserves)
 
     @property
     def places(self) -> int:

@@ -14,6 +14,8 @@ CORNERS_MAX = 256
 """Maximum of a fence or a zone: the guard evaluates every edge in every tick."""
 ZONES_MAX = 32
 """Maximum number of no-fly zones."""
+RALLY_MAX = 8
+"""Maximum number of rally points."""
 
 
 def pair(value: object) -> object:
@@ -170,6 +172,17 @@ class NoFlySection(Settings):
         return self
 
 
+class RallySection(Settings):
+    """`[[safety.rally]]`: a place where the team can land (docs/zones.md#rally-points). Each vehicle has its spot about
+    it, as starts lie about their middle.
+    """
+
+    name: str = Field(min_length=1, max_length=24, pattern=NAME_PATTERN, description="name of the place")
+    place_m: Annotated[tuple[_Metre, _Metre], BeforeValidator(pair)] = Field(
+        description="middle of the vehicles' spots, x and y"
+    )
+
+
 class SafetySection(Settings):
     """`[safety]`: limits that the guard keeps in every tactic (docs/safety.md)."""
 
@@ -179,9 +192,18 @@ class SafetySection(Settings):
         2.0, gt=0.0, le=100.0, description="height difference beyond which vehicles do not evade"
     )
     keep_out_m: float = Field(0.0, ge=0.0, le=1000.0, description="least distance to the target; 0: none")
+    traffic_distance_m: float = Field(
+        0.0, ge=0.0, le=5000.0, description="distance to keep from aircraft outside the team; 0: none"
+    )
+    traffic_height_m: float = Field(
+        100.0, gt=0.0, le=5000.0, description="height difference beyond which such aircraft do not count"
+    )
     fence_m: Fence = Field((), description="corners of the fence, x and y each; empty: none")
     no_fly: Annotated[tuple[NoFlySection, ...], Field(max_length=ZONES_MAX), BeforeValidator(pair)] = Field(
         (), description="zones of `[[safety.no_fly]]`"
+    )
+    rally: Annotated[tuple[RallySection, ...], Field(max_length=RALLY_MAX), BeforeValidator(pair)] = Field(
+        (), description="places of `[[safety.rally]]`"
     )
     altitude_min_m: float | None = Field(None, ge=-500.0, le=9000.0, description="least altitude above the origin")
     altitude_max_m: float | None = Field(None, ge=-500.0, le=9000.0, description="largest altitude above the origin")
@@ -258,6 +280,18 @@ class ChoreographySettings(Settings):
         """Return the vehicles, given in line order, in the order in which they land."""
         first = tuple(i for i in self.landing_order if i in ids)
         return (*first, *(i for i in ids if i not in first))
+
+
+class GimbalSettings(Settings):
+    """`gimbal` of a vehicle: its camera looks at the target, whatever the vehicle's yaw (docs/missions.md)."""
+
+    target_height_m: float = Field(
+        0.0,
+        ge=-500.0,
+        le=9000.0,
+        description="height above the origin of what is looked at, unless the ring follows the target's altitude",
+    )
+    view_deg: float = Field(60.0, ge=1.0, le=170.0, description="the camera's angle of view")
 
 
 class ExcitationSettings(Settings):

@@ -19,6 +19,7 @@ from agents.inputs import (
     Killed,
     Message,
     Presence,
+    Rejoined,
     Start,
     TacticEvent,
     TimeScale,
@@ -26,7 +27,7 @@ from agents.inputs import (
 from agents.ports import VehicleRefusedError, VehicleStatus
 from agents.shell.control_loop import AgentParts, ControlLoop
 from agents.shell.life import Action, LifeEvent, Phase, is_taken_over, next_phase, resumed, without_setpoints
-from agents.shell.outcome import FAILED, KILLED, LOST, Outcome, Stop, outcome_of
+from agents.shell.outcome import FAILED, KILLED, LOST, UNUSED, Outcome, Stop, outcome_of
 from agents.shell.reporter import Reporter
 from agents.shell.start_agreement import StartAgreement
 from agents.shell.ticker import TickerStatistics
@@ -166,7 +167,7 @@ class Agent:
         self._parts = parts
         self._core, self._link, self._clock = parts.core, parts.link, parts.clock
         self._start_agreement = StartAgreement(
-            parts.bus, parts.clock, parts.config.vehicle_id, parts.config.slots, parts.mission
+            parts.bus, parts.clock, parts.config.vehicle_id, parts.config.starters, parts.mission
         )
         self._loop = ControlLoop(parts)
         self._reporter = Reporter(parts, lambda: self._loop.newest, lambda: self.clock_lags_s, lambda: self.unaccounted)
@@ -174,15 +175,25 @@ class Agent:
         self._phase = Phase.GROUND
         self._over = asyncio.Event()
         self.started = asyncio.Event()  # by an operator, if it waits on the ground; also set when its motors are cut
+        self.rejoining = asyncio.Event()
+        """Set while an operator's command to take off again awaits `fly_again` or `stay`; its flight has ended."""
+        self.in_reserve = False
+        """Whether it stays on the ground in reserve, and has not flown."""
+        self._begin()
+        self._duration_s = 0.0
+        self._stop = Stop()
+        self._perform = self._performers()
+
+    def _begin(self) -> None:
+        """Begin a flight: nothing of it has happened yet."""
+        self._over.clear()
+        self.rejoining.clear()
         self._refusal: VehicleRefusedError | None = None
         self._override_reason = ""
         self._outcome = Outcome(FlightEnd.LANDED)
         self._failure: Exception | None = None
         self._flew = self._took_off = self._is_unaccounted = False
         self._ended_s: float | None = None
-        self._duration_s = 0.0
-        self._stop = Stop()
-        self._perform = self._performers()
 
     @property
     def phase(self) -> Phase:
@@ -250,6 +261,33 @@ class Agent:
         """
         return await self._live(LifeEvent.FLY, duration_s, stop)
 
+    def stand_by(self, duration_s: float) -> None:
+        """Stay on the ground in reserve, until `fly_again`, during a mission of this duration."""
+        self.in_reserve = True
+        self._reporter.wait(None)
+        self._start_agreement.bound(duration_s)
+        self._report(UNUSED)
+        self._happen(LifeEvent.STAND_BY)
+
+    async def fly_again(self, duration_s: float, stop: Stop) -> Outcome:
+        """Fly the mission that the others fly, after an earlier flight or in reserve; ends and raises as `fly`.
+
+        `duration_s` is that of the mission, from its start on.
+        """
+        self.in_reserve = False
+        self._core.take(Rejoined(self._clock.now_s(), ""))
+        self._begin()
+        self._loop.restart()
+        self._loop.tick_only()  # it answers
+        self._reporter.begin_again()
+        return await self._live(LifeEvent.FLY_AGAIN, duration_s, stop)
+
+    def stay(self, refusal: str) -> None:
+        """Answer that the vehicle does not take off again, and why."""
+        self.rejoining.clear()
+        self._core.take(Rejoined(self._clock.now_s(), refusal))
+        self._loop.answer()
+
     async def recover(self, together: Collection[int], hold_s: float, stop: Stop) -> Outcome:
         """Take a vehicle that is in the air, hold it where it is, and bring it home; ends and raises as `fly`.
 
@@ -282,6 +320,8 @@ class Agent:
 
     def obey(self, command: OperatorCommand) -> None:
         """Take a command of an operator at this computer."""
+        if self._is_for_flying(command):
+            return
         self._core.take(AutopilotStatus(self._link.status))
         self._core.take(Command(self._clock.now_s(), command))
         self._act_on_commands()
@@ -350,7 +390,13 @@ class Agent:
         if self._flew:
             self._core.take(telemetry)
 
+    def _is_for_flying(self, command: OperatorCommand) -> bool:
+        """Return whether a command to all does not concern this vehicle, which is in reserve; a kill concerns all."""
+        return self.in_reserve and command.vehicle is None and command.verb != "kill"
+
     def _receive(self, message: BusMessage) -> None:
+        if isinstance(message, OperatorCommand) and self._is_for_flying(message):
+            return
         if isinstance(message, OperatorCommand):
             self._core.take(AutopilotStatus(self._link.status))  # what it answers depends on it
         self._core.take(Message(self._clock.now_s(), message))
@@ -365,10 +411,21 @@ class Agent:
             self._loop.answer()
         if self._phase is Phase.GROUND and (commands.starts or commands.start_blockers is not None):
             self._loop.tick_only()
+        if commands.rejoins:
+            self._prepare_to_rejoin()
         if commands.kills:
             self._happen(LifeEvent.KILL)
         if commands.starts or commands.kills:
             self.started.set()
+
+    def _prepare_to_rejoin(self) -> None:
+        """Let what flies the team check a vehicle whose flight has ended, also one that its pilot has landed."""
+        self._happen(LifeEvent.REJOIN)
+        if self._phase is Phase.ENDED:
+            self._loop.answer()
+            self.rejoining.set()
+        else:
+            self.stay("its flight has not ended")
 
     def _note_presence(self, vehicle_id: int, present: bool) -> None:
         self._start_agreement.note_presence(vehicle_id, present)

@@ -53,11 +53,17 @@ class ControlLoop:
         self.newest: TickOutput | None = None
         """The output of the newest tick."""
         self._control_ticker: Ticker | None = None
+        self._before = TickerStatistics()
 
     @property
     def report(self) -> TickerStatistics:
         """The ticks with control of the vehicle, done and missed so far."""
-        return TickerStatistics() if self._control_ticker is None else self._control_ticker.statistics
+        return self._before if self._control_ticker is None else self._before.plus(self._control_ticker.statistics)
+
+    def restart(self) -> None:
+        """Begin another flight; the ticks of those before count."""
+        self._before, self._control_ticker = self.report, None
+        self.sensor = self.newest = None
 
     def ticker(self) -> Ticker:
         """Return a ticker at the core's rate, beginning within a period.

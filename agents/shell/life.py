@@ -41,6 +41,10 @@ class LifeEvent(Enum):
     """
 
     FLY = "fly"
+    STAND_BY = "stand by"
+    """The vehicle is in reserve: it stays on the ground for another flight."""
+    FLY_AGAIN = "fly again"
+    """Take off and fly the mission after an earlier flight of the vehicle has ended."""
     ADOPT = "adopt"
     """The vehicle is in the air, and is taken from its autopilot or another ground station."""
     ACCOMPANY = "accompany"
@@ -63,6 +67,8 @@ class LifeEvent(Enum):
     SETPOINTS_LOST = "setpoints not received"
     """The autopilot's failsafe left offboard for lack of setpoints."""
     RESUME = "resume"
+    REJOIN = "rejoin"
+    """The vehicle, which its pilot or its autopilot has landed, is to take off again."""
     ARMED = "armed"
     DISARMED = "disarmed"
     OFFBOARD_LEFT = "offboard left"
@@ -148,12 +154,15 @@ TRANSITIONS: dict[tuple[Phase, LifeEvent], Transition] = {
     # The agent still controls the vehicle, which stays in its phase.
     **{(phase, LifeEvent.SETPOINTS_LOST): (phase, (Action.START_OFFBOARD,)) for phase in _WITHOUT_SETPOINTS},
     (Phase.GROUND, LifeEvent.FLY): (Phase.COMPARING_CLOCKS, (Action.COMPARE_CLOCKS,)),
+    # Its flight has ended, or it stayed in reserve, and its team still flies.
+    (Phase.ENDED, LifeEvent.FLY_AGAIN): (Phase.COMPARING_CLOCKS, (Action.COMPARE_CLOCKS,)),
     # A vehicle in the air needs no take-off; from offboard on it is flown as one that has taken off.
     (Phase.GROUND, LifeEvent.ADOPT): (Phase.HOVERING, (Action.ADOPT, Action.START_CONTROL)),
     (Phase.GROUND, LifeEvent.ACCOMPANY): (
         Phase.PILOT_OVERRIDE,
         (Action.ADOPT, Action.START_CONTROL, Action.HAND_OVER),
     ),
+    (Phase.GROUND, LifeEvent.STAND_BY): (Phase.ENDED, ()),
     (Phase.GROUND, LifeEvent.KILL): (Phase.KILLING, (Action.CUT_MOTORS,)),
     (Phase.COMPARING_CLOCKS, LifeEvent.CLOCKS_AGREE): (Phase.TAKE_OFF, (Action.TAKE_OFF,)),
     (Phase.COMPARING_CLOCKS, LifeEvent.CLOCKS_DIFFER): _CHECK_REFUSED,
@@ -212,6 +221,7 @@ TRANSITIONS: dict[tuple[Phase, LifeEvent], Transition] = {
     (Phase.STOPPING, LifeEvent.FAULT): _CHECK,
     (Phase.STOPPING, LifeEvent.ABORTED): _CHECK,
     (Phase.PILOT_OVERRIDE, LifeEvent.RESUME): (Phase.TAKING_BACK, (Action.TAKE_BACK,)),
+    (Phase.PILOT_OVERRIDE, LifeEvent.REJOIN): _LEAVE,
     (Phase.PILOT_OVERRIDE, LifeEvent.START_AGREED): (Phase.PILOT_OVERRIDE, (Action.START_MISSION,)),
     (Phase.PILOT_OVERRIDE, LifeEvent.START_REFUSED): _LEAVE,
     (Phase.PILOT_OVERRIDE, LifeEvent.DURATION_OVER): _LEAVE_AT_END,

@@ -140,6 +140,11 @@ class Reporter:
             self._ended, self._is_completed = ended_words(outcome), outcome.how is FlightEnd.LANDED
         self._look()
 
+    def begin_again(self) -> None:
+        """Take that another flight of the vehicle begins, and report it."""
+        self._ended, self._is_completed = "", False
+        self._look()
+
     async def close(self) -> None:
         """Send the last report, which nothing follows, repeatedly; and stop."""
         if self._running is not None:

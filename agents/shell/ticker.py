@@ -36,6 +36,11 @@ class TickerStatistics:
     missed: int = 0
     late_max_s: float = 0.0
 
+    def plus(self, other: "TickerStatistics") -> "TickerStatistics":
+        """Return the statistics of both tickers."""
+        late_max_s = max(self.late_max_s, other.late_max_s)
+        return TickerStatistics(self.ticks + other.ticks, self.missed + other.missed, late_max_s)
+
 
 def first_deadline_s(now_s: float, period_s: float, phase: float) -> float:
     """Return the first time not before `now_s` that is `phase` periods (0 to 1) after a multiple of the period [s]."""

@@ -43,6 +43,8 @@ BIDS_LIMIT = 2500
 """More than the largest message of the auction: 254 members bid for eight rings (`agents/ring/auction.py`)."""
 RingNumber = Annotated[int, msgspec.Meta(ge=0, lt=RINGS_MAX)]
 TARGETS_MAX = 8
+TRAFFIC_MAX = 8
+"""The largest number of aircraft that an autopilot's receiver is listened to for: the nearest ones."""
 DID_LIMIT = ENDED_LIMIT = START_BLOCKERS_LIMIT = 120
 CONDITIONS_LIMIT = 16
 LINK_SILENT_S = 0.8
@@ -222,6 +224,19 @@ class RingChoice(msgspec.Struct, frozen=True, array_like=True):
     commanded: Annotated[tuple[CommandedRing, ...], msgspec.Meta(max_length=RINGS_MAX)] = ()
 
 
+class Aircraft(msgspec.Struct, frozen=True):
+    """An aircraft outside the team at `time_s`, as it reports itself by ADS-B or Remote ID.
+
+    `label` is its call sign, address or serial number, `altitude_m` is above the mission's origin, None if unknown.
+    """
+
+    label: _Name
+    time_s: Annotated[TimeS, Age(1e6)]
+    position_m: Metres2
+    velocity_m_s: tuple[_Speed, _Speed]
+    altitude_m: _Metres | None = None
+
+
 class MemberState(msgspec.Struct, frozen=True, array_like=True):
     """A vehicle's state at `time_s`: tactic, motion, and the undisturbed aim with its rate, for followers and guards.
 
@@ -232,7 +247,8 @@ class MemberState(msgspec.Struct, frozen=True, array_like=True):
     deviation of the position, `alert` the active failsafe condition, empty if none; `shape` is the formation's shape
     that operators commanded last, at `shaped_s`; None is the mission's. `drops` are the messages that it has dropped so
     far. `ring` is the ring that operators commanded. In a mission of several rings `choice` has it, and more.
-    These two, drops and sightings are for cordon's own use.
+    `traffic` are aircraft that its autopilot receives, once a second. These three, drops and sightings are for cordon's
+    own use.
     """
 
     sender: VehicleId
@@ -252,6 +268,7 @@ class MemberState(msgspec.Struct, frozen=True, array_like=True):
     sightings: tuple[TargetPackage, ...] = ()
     ring: Annotated[CommandedRing | None, Added(1)] = None
     choice: Annotated[RingChoice | None, Added(2)] = None
+    traffic: Annotated[tuple[Aircraft, ...], msgspec.Meta(max_length=TRAFFIC_MAX), Added(3)] = ()
 
 
 class MissionIdentity(msgspec.Struct, frozen=True, array_like=True):
@@ -363,12 +380,27 @@ class TargetReport(msgspec.Struct, frozen=True):
     sighting_age_s: _Seconds
 
 
+class CameraView(msgspec.Struct, frozen=True):
+    """Where a vehicle's camera looked at `time_s`, as its gimbal reports it, and its angle of view.
+
+    It looks from the vehicle's position at an elevation above the horizontal, negative downwards, and at a bearing
+    counter-clockwise from x of the mission frame.
+    """
+
+    time_s: Annotated[TimeS, Age(1e6)]
+    position_m: tuple[_Metres, _Metres, _Metres]
+    elevation_rad: _Angle
+    bearing_rad: _Angle
+    view_rad: _Angle
+
+
 class AutopilotReport(msgspec.Struct, frozen=True):
     """What operators and observers see of an autopilot's own report: a part of its status, sent and shown as it is.
 
     `battery` is a fraction, `endurance_s` its estimate of the flight time until the battery is empty, `gps_dimensions`
     the type of the fix (0 without one, 2 or 3), with the number of `satellites`, `wind_m_s` the estimated horizontal
-    wind. None is unknown. A new field has to be `Added` to the report.
+    wind, `camera` where a camera looks that the mission points. None is unknown. A new field has to be `Added` to the
+    report.
     """
 
     battery: Annotated[float, Within(0.0, 1.0), Unit(1e4)] | None = None
@@ -376,6 +408,7 @@ class AutopilotReport(msgspec.Struct, frozen=True):
     gps_dimensions: Annotated[int, Within(0, 255)] | None = None
     satellites: Annotated[int, Within(0, 255)] | None = None
     wind_m_s: Annotated[Annotated[float, Within(0.0, 200.0), Unit(10.0)] | None, Added(6)] = None
+    camera: Annotated[CameraView | None, Added(8)] = None
 
 
 class NextChange(msgspec.Struct, frozen=True):

@@ -12,13 +12,13 @@ from agents.tactics import Event, Tactic
 
 CommandVerb = Literal["hold", "resume", "land", "rtl", "abort", "kill", "formation", "ring", "assign", "goto"]
 """The verbs of `cordon command`."""
-Verb = Literal["start", CommandVerb]
-Confirmation = Literal["none", "at once", "pilots", "all", "word"]
+Verb = Literal["start", "rejoin", CommandVerb]
+Confirmation = Literal["none", "at once", "pilots", "all", "take-off", "word"]
 """What confirms a command from the keyboard or the page.
 
 "at once" is "none" in an emergency: it also acts among pasted keys, and instead of a command that waits for its
 confirmation. "pilots": `y`, or a dialog, if it takes vehicles back from their pilots. "all": `y` if it is for all
-vehicles; on the page its button is held down. "word": the verb is typed.
+vehicles; on the page its button is held down. "take-off": both always are. "word": the verb is typed.
 """
 
 
@@ -31,7 +31,8 @@ class VerbRow:
     change. `done` is a second answer, after `did`, once the effect is confirmed. A verb that `needs_mission` depends on
     the mission file's content, which must be the team's. One that `is_dangerous` has to be granted by name. What a verb
     `takes` is its argument. One that takes a shape or a ring `is_for_team`; "assign" takes the name of a ring, or
-    `auto`, for single vehicles of a mission of several rings; "place" is for single vehicles, too.
+    `auto`, for single vehicles of a mission of several rings; "place" is for single vehicles, too. One that
+    `is_for_landed` commands a single vehicle whose flight has ended; the others command those that fly.
     """
 
     name: Verb
@@ -48,6 +49,7 @@ class VerbRow:
     needs_mission: bool = False
     is_dangerous: bool = False
     takes: Literal["", "shape", "ring", "assign", "place"] = ""
+    is_for_landed: bool = False
 
     @property
     def is_for_team(self) -> bool:
@@ -75,6 +77,7 @@ AUTO = "auto"
 """Stands for no ring where a vehicle is assigned: it chooses by itself."""
 _ASSIGNS = "send a vehicle to one of several rings, or let it choose (auto)"
 _GOES = "send a vehicle to a place, where it holds, or lands (land)"
+_JOINS, _TAKES_OFF = "take off and rejoin the mission with", "take off again and join the others"
 _CUT, _FALL = "cut the motors of", "cut the motors; the vehicles fall"
 _ROWS = (
     VerbRow("start", "start", did="takes off", needs_mission=True),
@@ -85,6 +88,19 @@ _ROWS = (
     VerbRow("abort", "abort", "a", 5, "at once", help=_ABORTS),
     VerbRow(
         "kill", "kill", "k", 8, "word", Event.LAND, "cuts the motors", {}, "motors cut", _CUT, _FALL, is_dangerous=True
+    ),
+    VerbRow(
+        "rejoin",
+        "rejoin",
+        "j",
+        9,
+        "take-off",
+        did="is checked",
+        done="takes off and joins the others",
+        does=_JOINS,
+        help=_TAKES_OFF,
+        needs_mission=True,
+        is_for_landed=True,
     ),
     VerbRow("formation", "change formation", help=_RESHAPES, needs_mission=True, takes="shape"),
     VerbRow("ring", "change ring", button=6, help=_RESIZES, needs_mission=True, takes="ring"),

@@ -154,6 +154,7 @@ AUTOPILOT = Autopilot(
         "simulation": SIMULATES,
         "system id": "SYSID_THISMAV",
         "signing": "does",
+        "gimbal": "MNT1_TYPE",
         "alone": "stays at its last setpoint until its ground station failsafe acts (FS_GCS_ENABLE)",
     },
 )

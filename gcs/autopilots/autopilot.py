@@ -64,7 +64,9 @@ Judgement = tuple[Literal["pass", "warning", "refuse"], str, str, str]
 Judge = Callable[[float], Judgement]
 Limits = tuple[tuple[str, float], ...]
 """The possible names of a parameter that limits the motion, with its unit in SI; names depend on the version."""
-Topic = Literal["airframe", "hold", "rates", "streams", "bench", "simulation", "system id", "signing", "alone"]
+Topic = Literal[
+    "airframe", "hold", "rates", "streams", "bench", "simulation", "system id", "signing", "alone", "gimbal"
+]
 """What the operator is told about each autopilot: parameters to check or to set, and what it does by itself."""
 
 

@@ -160,6 +160,7 @@ AUTOPILOT = Autopilot(
         "simulation": SIMULATES,
         "system id": "MAV_SYS_ID",
         "signing": "since 1.18",
+        "gimbal": "MNT_MODE_IN = 4",
         "alone": "leaves offboard about 1 s after the last setpoint, then holds or lands (COM_OBL_RC_ACT)",
     },
 )

@@ -53,9 +53,7 @@ def command(
 
     Example: cordon command ring radius=15 rate=-0.1
     """
-    from agents.ports import VehicleRefusedError
     from gcs.cli.output import confirmed
-    from gcs.console.command_client import CommandClient
     from gcs.console.terminal import print_problem
     from gcs.console.verb_arguments import given_command
 
@@ -63,14 +61,26 @@ def command(
     if options.vehicle is not None:
         chosen_vehicle(mission, options.vehicle, "--vehicle")
     given = given_command(mission, verb, arguments, options.vehicle)
-    vehicles = mission.ids if given.vehicle is None else (given.vehicle,)
-    ring_faults = _ring_faults(mission, given)
-    row = VERBS[verb]
+    row, vehicles = VERBS[verb], _receivers(mission, given)
     if row.confirmation == "word" and not options.yes and not confirmed(_question(row, vehicles, mission)):
         print_problem("not confirmed: no command was sent")
         return Exit.REFUSED
+    return send(mission, verb, given, options.key)
+
+
+def _receivers(mission: "Mission", given: "GivenCommand") -> Sequence[int]:
+    return mission.ids if given.vehicle is None else (given.vehicle,)
+
+
+def send(mission: "Mission", verb: Verb, given: "GivenCommand", key: str | None) -> Exit:
+    """Send a command to a running team with the keys of a name, and show each vehicle's answer; raises InputError."""
+    from agents.ports import VehicleRefusedError
+    from gcs.console.command_client import CommandClient
+    from gcs.console.terminal import print_problem
+
+    vehicles, ring_faults = _receivers(mission, given), _ring_faults(mission, given)
     try:
-        operator = CommandClient(mission, granted_operator(mission, verb, options.key))
+        operator = CommandClient(mission, granted_operator(mission, verb, key))
         sent = operator.command(
             verb, vehicles, given.vehicle, given.argument, ring_faults=ring_faults, ring_number=given.ring_number
         )

@@ -84,6 +84,8 @@ class _Sent:
 
     first_s: float
     on_answer: OnAnswer
+    awaits_landed: bool = False
+    """Whether vehicles whose flight has ended answer."""
     answers: dict[int, CommandResult] = field(default_factory=dict)
 
     def is_done(self, vehicle: int) -> bool:
@@ -180,7 +182,7 @@ class CommandClient:
             number = randrange(2**32) if number is None else number
             given = GivenCommand(argument, ring_number, vehicle)
             command = given.command(0.0, verb, self._identity.participant.name, number)
-            sent = self._sent[command.key] = _Sent(monotonic(), on_answer)
+            sent = self._sent[command.key] = _Sent(monotonic(), on_answer, VERBS[verb].is_for_landed)
             try:
                 await self._repeat(command, sent, vehicles)
             finally:
@@ -208,6 +210,8 @@ class CommandClient:
     def _answers_no_more(self, vehicle: int, sent: _Sent) -> bool:
         """Return whether a vehicle's flight has ended and no last answer of it can be on its way."""
         if vehicle not in self.ended:
+            return False
+        if sent.awaits_landed:
             return False
         return vehicle not in sent.answers or monotonic() - self._ended_s[vehicle] > _LAST_ANSWER_TIMEOUT_S
 

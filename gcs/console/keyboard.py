@@ -29,7 +29,8 @@ DIGITS_WITHIN_S, SELECTED_FOR_S = 1.5, 10.0
 NOTICE_S = 3.0
 ESCAPE = "\x1b"
 _ROW_OF_KEY = {row.key: row for row in VERBS.values() if row.key}
-_KEYS = " · ".join(f"{key} {row.label}" for key, row in _ROW_OF_KEY.items())
+_KEYS = " · ".join(f"{key} {row.label}" for key, row in _ROW_OF_KEY.items() if not row.is_for_landed)
+_KEYS_LANDED = " · ".join(f"{key} {row.label}" for key, row in _ROW_OF_KEY.items() if row.is_for_landed)
 _TOO_FAST = ": keys too fast, taken as pasted text"
 _CANCELS = f"y within {ANSWERED_WITHIN_S:g} s; any other key cancels"
 
@@ -66,6 +67,7 @@ class KeyBindings:
         self._question: _Question | None = None
         self._notice, self._notice_s = "", 0.0
         self._pressed_s: float | None = None
+        self._ended: Collection[int] = ()
 
     def press(
         self, key: str, now_s: float, piloted: Collection[int] = (), ended: Collection[int] = ()
@@ -74,6 +76,7 @@ class KeyBindings:
 
         `piloted` are the vehicles that pilots fly, `ended` those whose flight has ended.
         """
+        self._ended = ended
         by_hand = self._pressed_s is None or now_s - self._pressed_s >= TYPED_GAP_S
         self._pressed_s = now_s
         question, self._question = self._open_question(now_s), None
@@ -112,7 +115,7 @@ class KeyBindings:
             return f"all: {_KEYS} · {min(self._vehicles)}-{max(self._vehicles)} select one"
         if int(selection) not in self._vehicles:
             return f"vehicle {selection}…: type its next digit · Esc all"
-        return f"vehicle {selection}: {_KEYS} · Esc all"
+        return f"vehicle {selection}: {_KEYS_LANDED if int(selection) in self._ended else _KEYS} · Esc all"
 
     def _open_question(self, now_s: float) -> _Question | None:
         return self._question if self._question is not None and now_s <= self._question.until_s else None
@@ -137,8 +140,12 @@ class KeyBindings:
         if selection and int(selection) not in self._vehicles:
             self._note(f"there is no vehicle {selection}", now_s)
             return None
-        if selection and int(selection) in ended:
-            self._note(f"the flight of vehicle {selection} has ended", now_s)
+        if row.is_for_landed and not selection:
+            self._note(f"{row.name}: select a vehicle that has landed first", now_s)
+            return None
+        if selection and (int(selection) in ended) is not row.is_for_landed:
+            state = "not ended" if row.is_for_landed else "ended"
+            self._note(f"the flight of vehicle {selection} has {state}", now_s)
             return None
         command = KeyedCommand(row.name, int(selection) if selection else None)
         self._question = self._question_about(command, now_s, piloted, ended)
@@ -151,7 +158,8 @@ class KeyBindings:
         self, command: KeyedCommand, now_s: float, piloted: Collection[int], ended: Collection[int]
     ) -> _Question | None:
         """Return the question that confirms a command, None if it needs none."""
-        asked = [each for each in self._vehicles if each not in ended and command.vehicle in (None, each)]
+        flying = [each for each in self._vehicles if each not in ended]
+        asked = flying if command.vehicle is None else [command.vehicle]
         of_pilots = [each for each in asked if each in piloted]
         whom = _named(asked)
         row = VERBS[command.verb]
@@ -159,6 +167,8 @@ class KeyBindings:
             case "word":
                 text = f"type {row.name} and Enter to {row.does} {whom}: "
                 return _Question(command, text, f"{row.name}\n", now_s + TYPED_WITHIN_S)
+            case "take-off":
+                text = f"{row.does} {whom}"
             case "all" if command.vehicle is None:
                 text = f"{row.does} {whom}"
             case "pilots" if of_pilots:

@@ -9,8 +9,7 @@ from agents.ports import VehicleRefusedError
 from estimation.frames import Triple
 from gcs.drill.flight import DrillFlight
 from gcs.flight.faults.team_faults import Injection
-from gcs.flight.flight import preparing_speed
-from gcs.flight.stubs import clock_refusal, prepared_configs
+from gcs.flight.stubs import clock_refusal, prepared_configs, preparing_speed
 from sitl.server.governed_clock import GovernedClock
 from sitl.server.server import Stub, serve
 from sitl.server.shared_clock import ClockError, Rank, new_clock

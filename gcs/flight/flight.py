@@ -3,7 +3,6 @@
 import asyncio
 import gc
 import os
-import traceback
 from collections.abc import Callable, Coroutine, Iterator, Sequence
 from contextlib import AsyncExitStack, ExitStack, contextmanager, suppress
 from dataclasses import dataclass, replace
@@ -11,7 +10,6 @@ from time import perf_counter
 
 from rich.text import Text
 
-from agents.control.plan import PlannerError
 from agents.flight_end import FlightEnd
 from agents.ports import VehicleRefusedError
 from agents.shell.clock import MissionClock, WallClock
@@ -30,12 +28,13 @@ from gcs.flight.faults.schedule import ScheduledFault
 from gcs.flight.faults.team_faults import Injection, PresentFaults, TeamInFlight, UnauthorisedClient, last_in_line
 from gcs.flight.heartbeat import SupervisorLink, Unsupervised
 from gcs.flight.live.operating import ProgramLink
+from gcs.flight.member_flights import MemberFlights, begun
 from gcs.flight.plan import FlightPlan
 from gcs.flight.preparation import ChecklistWait, Readiness, StartWait
 from gcs.flight.recovery import LEFT_TO_PILOT, prepare_recovery
-from gcs.flight.stubs import FlightStubs, clock_refusal, url_ports
+from gcs.flight.stubs import FlightStubs, clock_refusal, preparing_speed, url_ports
 from gcs.flight.target_vehicle import TargetVehicle
-from gcs.flight.team import FlightTeam, Member
+from gcs.flight.team import FlightTeam
 from gcs.flight.watch import FindingsReport, Watch
 from gcs.flightlog.flight import Recording
 from gcs.keys.identity import Identity, user_name
@@ -170,15 +169,6 @@ def _piloted(team: FlightTeam) -> set[int]:
     return here | {peer.sender for status in newest for peer in status.peers if peer.tactic == pilot.value}
 
 
-def preparing_speed(vehicles: int) -> float:
-    """Return the highest speed of stubs before take-off.
-
-    Connecting to them takes wall time, in which the flight would go on. Until their rates are set, they stream more
-    than one process takes from many at a higher speed.
-    """
-    return min(10.0, max(1.0, 30.0 / vehicles))
-
-
 _UNSUPERVISED = Unsupervised()
 _ORPHANED = Outcome(FlightEnd.WATCHDOG, "the flight's supervisor process had ended")
 
@@ -300,7 +290,7 @@ async def _fly(
                 beside = [watch.run(), exchange.run(), injector.run(team, stubs), _report_positions(team, supervisor)]
                 if program is not None:
                     beside.append(program.report(team))
-                outcomes = await _fly_members(team, watch, exchange, beside)
+                outcomes = await _fly_members(team, report, watch, exchange, beside)
         supervisor.report_unaccounted([i for i, outcome in outcomes.items() if outcome.unaccounted is not None])
         wall_time_s, mission_time_s = perf_counter() - began_s, clock.now_s() - began_mission_s
     record = team.record(stubs.record, wall_time_s, outcomes)
@@ -346,12 +336,17 @@ async def _prepare(team: FlightTeam, target: TargetVehicle, report: FindingsRepo
 
 
 async def _fly_members(
-    team: FlightTeam, watch: Watch, exchange: AuditExchange, beside: Sequence[Coroutine[None, None, None]]
+    team: FlightTeam,
+    report: FindingsReport,
+    watch: Watch,
+    exchange: AuditExchange,
+    beside: Sequence[Coroutine[None, None, None]],
 ) -> dict[int, Outcome]:
     """Fly until every vehicle's flight has ended; what runs beside is cancelled then."""
     tasks = [asyncio.create_task(each) for each in beside]
     try:
-        outcomes = await (_fly_team(team) if team.plan.recovery is None else _recover_team(team))
+        fly = MemberFlights(team, report).fly() if team.plan.recovery is None else _recover_team(team)
+        outcomes = await fly
     finally:
         for task in tasks:
             task.cancel()
@@ -373,18 +368,13 @@ async def _report_positions(team: FlightTeam, supervisor: SupervisorLink) -> Non
         await asyncio.sleep(_POSITIONS_EVERY_S)
 
 
-async def _fly_team(team: FlightTeam) -> Sequence[Outcome]:
-    flights = (_fly_member(team, each, each.agent.fly(team.plan.duration_s, team.stop)) for each in team.members)
-    return await asyncio.gather(*flights)
-
-
 async def _recover_team(team: FlightTeam) -> Sequence[Outcome]:
     """Bring home all but the vehicles that their pilots fly, whose states the others receive until they are down."""
     taken = [each for each in team.members if each.vehicle.id not in team.accompanied]
     together, landed = [each.vehicle.id for each in taken], Stop()
     flights = {
         each.vehicle.id: asyncio.create_task(
-            _fly_member(team, each, each.agent.recover(together, team.plan.duration_s, team.stop))
+            begun(team, each, each.agent.recover(together, team.plan.duration_s, team.stop))
             if each in taken
             else each.agent.accompany(landed)
         )
@@ -400,18 +390,3 @@ async def _recover_team(team: FlightTeam) -> Sequence[Outcome]:
         replace(each, reason=LEFT_TO_PILOT) if i in team.accompanied and each.how is FlightEnd.PILOT else each
         for i, each in zip(flights, outcomes, strict=True)
     ]
-
-
-async def _fly_member(team: FlightTeam, member: Member, flight: Coroutine[None, None, Outcome]) -> Outcome:
-    try:
-        outcome = await flight
-    except Exception as error:  # a bug in one agent must not leave the other vehicles without control
-        traceback.print_exc()
-        team.stop.request(Outcome(FlightEnd.FAILSAFE, f"the agent of vehicle {member.vehicle.id} failed"))
-        step = "correct the planner" if isinstance(error, PlannerError) else "report this with the text above"
-        return Outcome(FlightEnd.ERROR, f"{type(error).__name__}: {error}", step, flew=True)
-    never_began = member.agent.start_s is None and not team.stop.wanted.is_set()
-    if never_began or (outcome.how is FlightEnd.REFUSED and not outcome.flew):
-        # The mission needs every vehicle: those in the air land again.
-        team.stop.request(Outcome(FlightEnd.FAILSAFE, f"vehicle {member.vehicle.id} did not begin the mission"))
-    return outcome

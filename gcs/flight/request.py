@@ -47,6 +47,8 @@ class FlightRequest:
         mission, stubs = self.mission, self.stubs
         if stubs and self.only is not None:
             raise InputError(["--only: with --sitl all vehicles fly in this process; use `cordon sitl` for the stubs"])
+        if self.only in mission.reserves:
+            raise InputError([f"--only: vehicle {self.only} is in reserve: it flies in one process with the others"])
         if self.faults and not stubs:
             raise InputError(["--fault: it needs --sitl: faults are injected into stub vehicles only"])
         clock = None if stubs else lockstep_clock(mission)

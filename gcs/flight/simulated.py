@@ -74,11 +74,14 @@ def fly_simulated(
 ) -> FlightRecord:
     """Fly the mission for `duration_s` of simulated time; the same seed gives the same flight.
 
+    Vehicles in reserve stay on the ground, and are not in the record.
+
     `progress` is called with the simulated time flown [s], `on_tick` with the number of each tick, the vehicle's place
     in line and its output. `planner` creates each vehicle's planner, see `TaskPlanner`; its faults
     raise InputError. `steps`: see `simulated_vehicles`. A `reaction` moves the target in
     place of the mission's. `events` are of this flight only.
     """
+    mission = mission.without_reserves
     rate_hz, count = mission.mission.rate_hz, len(mission.vehicles)
     observed, target = _Observed(round(duration_s * rate_hz) + 1, count, rate_hz), flown_target(mission, reaction)
 

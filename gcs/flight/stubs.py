@@ -48,10 +48,20 @@ def stub_configs(mission: Mission, ports: Mapping[int, int] | None = None) -> li
             wind_m_s2=simulation.wind_m_s2,
             seed=mission.mission.seed,
             autopilot=vehicle.autopilot,
+            gimbal=vehicle.section.gimbal is not None,
         )
         for vehicle in mission.vehicles
         if vehicle.id in ports
     ]
+
+
+def preparing_speed(vehicles: int) -> float:
+    """Return the highest speed of stubs before take-off.
+
+    Connecting to them takes wall time, in which the flight would go on. Until their rates are set, they stream more
+    than one process takes from many at a higher speed.
+    """
+    return min(10.0, max(1.0, 30.0 / vehicles))
 
 
 def url_ports(mission: Mission, ids: Collection[int]) -> dict[int, int]:

@@ -143,6 +143,7 @@ class LoopMonitor:
         self._rising.discard(vehicle_id)
         if beat is Beat.RISING:
             self._rising.add(vehicle_id)
+            self._unaccounted.discard(vehicle_id)
         elif beat is Beat.TICK:
             self._watched[vehicle_id] = _Watched(_timeout_polls(due_s))
         else:

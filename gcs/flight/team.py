@@ -5,6 +5,7 @@ from collections import deque
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
+from math import radians
 
 from msgspec import structs
 
@@ -162,6 +163,8 @@ class FlightTeam:
             signing_key=self.signing_keys.get(vehicle.system_id),
             truth=pace.truth_bytes_s > 0.0 and vehicle.id not in self.plan.stubs,
             external_positions=self._located_from_outside(vehicle),
+            view_rad=None if vehicle.section.gimbal is None else radians(vehicle.section.gimbal.view_deg),
+            traffic=mission.safety.traffic_distance_m > 0.0,
         )
         link = CheckedLink(hub, config, clock)
         if link.truth is not None:
@@ -273,6 +276,7 @@ class FlightTeam:
             endings=tuple(ending_of(i, outcome, self.plan.mission.mission_frame()) for i, outcome in outcomes.items()),
             faults=tuple(fault.injected for fault in self.plan.faults),
             kinds=self.kinds,
+            views={member.vehicle.id: tuple(member.link.views) for member in self.members},
         )
         return self.journal.record(start_s, max(flown_s, 0.0), totals)
 

@@ -13,14 +13,25 @@ from typing import Any, TypeVar
 from mavsdk.exceptions import MavsdkError
 from mavsdk.plugins.mavlink_direct import MavlinkDirect, MavlinkDirectError, MavlinkMessage
 
+from agents.gimbal import POINTINGS_HZ
 from agents.ports import VehicleRefusedError
 from agents.shell.clock import MissionClock
 from estimation.frames import Geodetic, MissionFrame, Triple
 from gcs.link.feed import VehicleFeed
 from gcs.link.ground_truth import RATE_HZ as TRUTH_RATE_HZ
-from gcs.link.rates import ATTITUDE, LOCAL_POSITION_NED, SLOW_STATUS_BYTES, STATUS_BYTES, Rates
+from gcs.link.rates import (
+    ATTITUDE,
+    GIMBAL_ATTITUDE,
+    GIMBAL_CONTROL,
+    GIMBAL_CONTROL_HZ,
+    LOCAL_POSITION_NED,
+    SLOW_STATUS_BYTES,
+    STATUS_BYTES,
+    Rates,
+)
 from gcs.link.status_texts import quoted
 from gcs.link.streams import Streams
+from gcs.link.traffic import ADSB_VEHICLE, ADSB_VEHICLE_HZ
 
 Result = TypeVar("Result")
 
@@ -141,6 +152,13 @@ class VehicleCalls:
                     said, next_step = f"refused to {verb} ({result})", "resolve the cause that the autopilot reports"
                 raise self.refusal(said, next_step, began_s) from failure
 
+    async def told(self, condition: Callable[[], bool], within_s: float) -> None:
+        """Wait for what MAVSDK finds out by itself, at most `within_s` [wall s]; no other time passes meanwhile."""
+        end_s = time.monotonic() + within_s
+        with self._clock.held():
+            while not condition() and time.monotonic() < end_s:
+                await asyncio.sleep(POLL_PERIOD_S)
+
     async def idle(self) -> None:
         """Wait until no call is under way, also of those whose caller was cancelled: MAVSDK repeats their commands."""
         with self._clock.held():
@@ -198,6 +216,12 @@ class VehicleCalls:
             await self._request(message, rates.status_hz / 2.0)
         if self._feed.truth is not None:
             await self._request(self._feed.autopilot.truth.number, TRUTH_RATE_HZ)
+        if self._feed.gimbal is not None:
+            await self._request(GIMBAL_ATTITUDE, POINTINGS_HZ)
+            await self._request(GIMBAL_CONTROL, GIMBAL_CONTROL_HZ)
+        if self._feed.asks_traffic:
+            await self._request(ADSB_VEHICLE, ADSB_VEHICLE_HZ)
+            self._streams.forget(ADSB_VEHICLE)  # as many arrive as there are aircraft
 
     async def correct_rates(self) -> bool:
         """Request again what arrives at another rate than requested, and return whether all was right.

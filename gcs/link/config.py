@@ -17,7 +17,8 @@ class LinkConfig:
     `heartbeat_timeout_s` limits the search for the vehicle and is wall time. `ready_timeout_s` limits the waits for its
     position and for its arming checks and is time of the mission clock. With a `signing_key` (32 bytes) every message
     to and from the vehicle is signed. With `truth` a simulator's true motion is requested. With
-    `external_positions` its autopilot receives external positions.
+    `external_positions` its autopilot receives external positions. `view_rad` is the angle of view of a camera whose
+    gimbal is pointed, None without one. With `traffic` the aircraft that it hears are requested.
     """
 
     url: str
@@ -30,6 +31,8 @@ class LinkConfig:
     signing_key: bytes | None = field(default=None, repr=False)
     truth: bool = False
     external_positions: bool = False
+    view_rad: float | None = None
+    traffic: bool = False
 
 
 def full_rates(link: LinkSection, loop_hz: float) -> Rates:
@@ -57,6 +60,7 @@ def link_paces(mission: Mission, *, truth: bool = False) -> dict[str, RateContro
             signed=link.signing_key_file is not None,
             limits_setpoints=link.setpoint_rate_hz is not None,
             positions_hz=EXTERNAL_HZ if mission.frame.external_positions else 0.0,
+            gimbals=sum(each.section.gimbal is not None for each in carried),
             telemetry_s=mission.safety.telemetry_timeout_s,
             offboard_s=min(autopilot_of(each.autopilot).setpoint_timeout_s({}) for each in carried),
             truth_bytes_s=sum(TRUTH_HZ * autopilot_of(each.autopilot).truth.size_bytes for each in carried if truth),

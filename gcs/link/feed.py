@@ -21,6 +21,7 @@ from estimation.filters.own import JUMP_M, jump_m
 from estimation.frames import Geodetic, MissionFrame, Triple
 from estimation.state import Telemetry
 from gcs.link.batteries import Batteries, BatteryReport
+from gcs.link.gimbal import CameraGimbal
 from gcs.link.ground_truth import GroundTruth
 from gcs.link.heights import BAROMETER, GPS, GPS_SIGMA_M, RANGEFINDER, HeightComparison
 from gcs.link.received_fields import (
@@ -34,6 +35,7 @@ from gcs.link.received_fields import (
 )
 from gcs.link.self_reports import BATTERY, NOT_FOR_FLIGHT, SelfReports, tilt_deg
 from gcs.link.status_texts import HealthItem, StatusTexts
+from gcs.link.traffic import BASIC_ID, LOCATION, TrafficReceiver
 
 
 class PostedCalls:
@@ -123,6 +125,8 @@ class VehicleFeed:
     by a backward step of the autopilot's clock. It is also reset when it is in doubt (`doubt`): until it has been read
     again no telemetry is delivered, and the sample after that shows what has changed. `by_failsafe` returns whether a
     failsafe of the autopilot made the newest change of mode. `truth` collects a simulator's true motions, if requested.
+    With `view_rad`, the angle of view of its camera, it has the `gimbal` of that. Aircraft that the vehicle hears are
+    in the status; if it `asks_traffic`, their reports are requested.
     """
 
     def __init__(
@@ -135,7 +139,10 @@ class VehicleFeed:
         by_failsafe: Callable[[], bool] = lambda: False,
         truth: GroundTruth | None = None,
         transit: LinkTransit | None = None,
+        view_rad: float | None = None,
+        asks_traffic: bool = False,
     ) -> None:
+        self.asks_traffic = asks_traffic
         self.status = VehicleStatus()
         self.motion: Telemetry | None = None
         self.dropped = 0
@@ -154,6 +161,18 @@ class VehicleFeed:
         self.batteries = Batteries()
         self.autopilot = self.reports.autopilot
         self.truth = truth
+        self.gimbal: CameraGimbal | None = None
+        if view_rad is not None:
+            self.gimbal = CameraGimbal(
+                system,
+                frame,
+                view_rad,
+                clock.now_s,
+                self.link_s,
+                lambda: self.position_m,
+                lambda view: self._update(camera=view),
+            )
+        self._traffic = TrafficReceiver(self.reports.system_id, frame, clock.now_s)
         self._system = system
         self._frame = frame
         self._health: Any = None
@@ -190,11 +209,15 @@ class VehicleFeed:
             self.reports.direct.subscribe_message("GPS_GLOBAL_ORIGIN", self._posting(self._take_origin))
             self.reports.direct.subscribe_message("HOME_POSITION", self._posting(self._take_home))
             telemetry.subscribe_raw_gps(self._posting(self._take_gps))
+            for name in ("ADSB_VEHICLE", LOCATION, BASIC_ID):
+                self.reports.direct.subscribe_message(name, self._posting(self._take_traffic))
         telemetry.subscribe_status_text(self._posting(self._take_text))
         telemetry.subscribe_attitude_euler(self._note_attitude)
         self.reports.subscribe(telemetry, self._posting, gps=not self._frame.is_local)
         if self.truth is not None:
             self.truth.subscribe(self.reports.direct, self.autopilot.truth, self._posting)
+        if self.gimbal is not None:
+            self.gimbal.subscribe(self._posting)
         self._is_connected = bool(self._system.is_connected())
         self._update(connected=self._is_connected)
         self._system.subscribe_is_connected(self._posting(self._take_connected))
@@ -276,6 +299,8 @@ class VehicleFeed:
         """Unsubscribe from everything; blocks until running callbacks have returned."""
         self.plugin.destroy()
         self.reports.close()
+        if self.gimbal is not None:
+            self.gimbal.close()
         self._system.destroy()
 
     def link_s(self) -> float:
@@ -508,6 +533,15 @@ class VehicleFeed:
         before_m, self._home_m = self._home_m, home_m if self.status.in_air else None
         if self.status.in_air and before_m is not None and dist(home_m[:2], before_m[:2]) > ORIGIN_STEP_M:
             self.doubt()
+
+    def _take_traffic(self, message: Any) -> None:
+        if self._traffic.take(message):
+            self.expire_traffic()
+
+    def expire_traffic(self) -> None:
+        """Take the aircraft that are near at present; to be called repeatedly, as old reports are forgotten."""
+        if (traffic := self._traffic.nearest(self.position_m)) != self.status.traffic:
+            self._update(traffic=traffic)
 
     def _place_m(self, message: Any) -> Triple | None:
         """Return the place in a message in the mission frame [m], None if it is malformed or of another vehicle."""

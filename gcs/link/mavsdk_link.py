@@ -6,7 +6,7 @@ before it carries it out. Mode and armed are up to a second old.
 
 import asyncio
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from functools import partial
 from math import degrees
@@ -20,12 +20,14 @@ from msgspec.structs import replace
 from agents.ports import Connection, FlightMode, Setpoint, VehicleRefusedError, VehicleStatus
 from agents.shell.clock import LinkTransit, MissionClock
 from agents.team.external_positions import ExternalPosition
+from agents.team.messages import CameraView
 from estimation.frames import MissionFrame, Triple, wrap_signed_rad
 from estimation.state import Telemetry
 from gcs.link.calls import VehicleCalls, choose_guided, find_origin
 from gcs.link.config import LinkConfig
 from gcs.link.external_position import NO_EXTERNAL_POSITION, ExternalPositionSender
 from gcs.link.feed import VehicleFeed
+from gcs.link.gimbal import CameraGimbal
 from gcs.link.ground_truth import GroundTruth
 from gcs.link.hub import MavsdkHub
 from gcs.link.rates import RateController, Rates
@@ -138,6 +140,7 @@ class MavsdkLink:
         self._transit: LinkTransit | None = None
         self.truth = GroundTruth(config.system_id, config.frame, clock.now_s) if config.truth else None
         self._parts: LinkParts | None = None
+        self._gimbal: CameraGimbal | None = None
         self._guided: Callable[[], object] | None = None
         self._keepers: list[asyncio.Task[None]] = []
         self._watch_period = PeriodicWait(clock)
@@ -152,18 +155,25 @@ class MavsdkLink:
 
     @property
     def status(self) -> VehicleStatus:
-        """The newest status received; where external positions are expected, with their absence."""
+        """The newest status received; where expected, with a lack of external positions and the gimbal's fault."""
         if self._parts is None:
             return VehicleStatus()
         status = self._parts.feed.status
         if self._parts.external is not None and self._parts.external.is_stale:
-            return replace(status, estimator_fault=NO_EXTERNAL_POSITION)
+            status = replace(status, estimator_fault=NO_EXTERNAL_POSITION)
+        if self._gimbal is not None and (fault := self._gimbal.fault):
+            status = replace(status, gimbal_fault=fault, camera=None if self._gimbal.is_silent else status.camera)
         return status
 
     @property
     def motion(self) -> Telemetry | None:
         """The newest telemetry, None before the first."""
         return self._parts.feed.motion if self._parts is not None else None
+
+    @property
+    def views(self) -> Sequence[CameraView]:
+        """Where its camera looked so far, as its gimbal reported; empty without a gimbal that is pointed."""
+        return () if self._gimbal is None else self._gimbal.views
 
     @property
     def dropped(self) -> int:
@@ -211,7 +221,10 @@ class MavsdkLink:
             by_failsafe=lambda: self.report.failsafe,
             truth=self.truth,
             transit=self._transit,
+            view_rad=self._config.view_rad,
+            asks_traffic=self._config.traffic,
         )
+        self._gimbal = feed.gimbal
         received = partial(self._hub.messages, self._config.system_id)
         calls = VehicleCalls(self._config.system_id, feed, self._clock, received)
         external = None
@@ -374,6 +387,8 @@ class MavsdkLink:
             # One that waits in the transmit queue may never be sent: a newer one replaces it.
             if self._transit is not None and not self._config.pace.is_bound:
                 self._transit.send(*ned_m)
+            if self._gimbal is not None:
+                self._gimbal.point(setpoint.camera_rad)
         except (MavsdkError, RuntimeError):
             self._unsent += 1
 
@@ -507,6 +522,7 @@ class MavsdkLink:
             if self._clock.is_governed:
                 self._hub.send_heartbeats(self._config.url)  # MAVSDK sends heartbeats by the wall's clock
             feed.reports.expire()
+            feed.expire_traffic()
             feed.judge_connection()
             silent = feed.motion_age_s > SILENCE_MAX_S
             if silent and (feed.origin_m is not None or feed.is_doubted):

@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 from itertools import chain, takewhile
 from math import ceil, inf, sqrt
 
+from agents.gimbal import POINTINGS_HZ
 from agents.safety.failsafe import LINK_LOSS_MAX, SILENCES_PER_HOUR_MAX
 
 
@@ -156,6 +157,10 @@ SETPOINT_BYTES = 65
 """SET_POSITION_TARGET_LOCAL_NED."""
 EXTERNAL_BYTES, EXTERNAL_HZ = 48, 30.0
 """VISION_POSITION_ESTIMATE; external positions above this rate are not passed on."""
+POINTING_BYTES, GIMBAL_ATTITUDE, GIMBAL_ATTITUDE_BYTES = 47, 285, 61
+"""GIMBAL_MANAGER_SET_ATTITUDE, and GIMBAL_DEVICE_ATTITUDE_STATUS at the same rate."""
+GIMBAL_CONTROL, GIMBAL_CONTROL_HZ = 281, 1.0
+"""GIMBAL_MANAGER_STATUS, which names who controls the gimbal."""
 HEARTBEAT_BYTES, HEARTBEAT_HZ = 21, 1.0
 ROUND_TRIP_BYTES, ROUND_TRIP_HZ = 28, 0.5
 """TIMESYNC, each way."""
@@ -177,10 +182,10 @@ class Load:
         return self.up_bytes_s + self.down_bytes_s
 
 
-def load(rates: Rates, vehicles: int, *, signed: bool = False, positions_hz: float = 0.0) -> Load:
+def load(rates: Rates, vehicles: int, *, signed: bool = False, positions_hz: float = 0.0, gimbals: int = 0) -> Load:
     """Return the load of this many vehicles on one connection at these rates, with external positions to each.
 
-    One heartbeat and one TIMESYNC go up for all of them.
+    One heartbeat and one TIMESYNC go up for all of them. So many of them have `gimbals` that are pointed.
     """
     extra = SIGNATURE_BYTES if signed else 0
     streams = (
@@ -193,7 +198,8 @@ def load(rates: Rates, vehicles: int, *, signed: bool = False, positions_hz: flo
     down = sum(rate_hz * (size + extra) for rate_hz, sizes in streams for size in sizes)
     up = rates.setpoint_hz * (SETPOINT_BYTES + extra) + positions_hz * (EXTERNAL_BYTES + extra)
     shared = HEARTBEAT_HZ * (HEARTBEAT_BYTES + extra) + ROUND_TRIP_HZ * (ROUND_TRIP_BYTES + extra)
-    return Load(vehicles * up + shared, vehicles * down)
+    pointings, attitudes = (POINTINGS_HZ * (size + extra) for size in (POINTING_BYTES, GIMBAL_ATTITUDE_BYTES))
+    return Load(vehicles * up + shared + gimbals * pointings, vehicles * down + gimbals * attitudes)
 
 
 def fitting(
@@ -269,6 +275,7 @@ class RateController:
         limits_setpoints: bool = False,
         truth_bytes_s: float = 0.0,
         positions_hz: float = 0.0,
+        gimbals: int = 0,
         telemetry_s: float = inf,
         offboard_s: float = inf,
     ) -> None:
@@ -278,7 +285,7 @@ class RateController:
         """Whether frames wait in the transmit queue."""
         self.vehicles, self.signed = vehicles, signed
         self.telemetry_s, self.offboard_s = telemetry_s, offboard_s
-        self._positions_hz = positions_hz
+        self._positions_hz, self._gimbals = positions_hz, gimbals
         self._full = full
         self._levels: Sequence[Rates] = (full,)
         self._first = self._down = 0
@@ -309,7 +316,8 @@ class RateController:
     @property
     def load(self) -> Load:
         """The load of the connection at these rates."""
-        asked = load(self.rates, self.vehicles, signed=self.signed, positions_hz=self._positions_hz)
+        positions_hz, gimbals = self._positions_hz, self._gimbals
+        asked = load(self.rates, self.vehicles, signed=self.signed, positions_hz=positions_hz, gimbals=gimbals)
         return replace(asked, down_bytes_s=asked.down_bytes_s + self.truth_bytes_s)
 
     def has_room(self, more_bytes_s: float) -> bool:
@@ -359,6 +367,11 @@ class RateController:
         if self._first == len(levels) - 1:
             share = LOAD_SHARE if least == LEAST else LOSSY_SHARE
             self._first += fitting(self._levels[self._first :], self.vehicles, room, signed=self.signed, share=share)
+
+    def count_anew(self) -> None:
+        """Count losses from now on: the gaps of a vehicle that was switched off are none."""
+        self._before, self.fault, self._lossy, self._loses_little = None, "", "", True
+        self.adapt(Losses())
 
     def look(self, traffic: Traffic, now_s: float) -> None:
         """Take the counts of a connection at a time [s, wall]; any of its vehicles may bring them."""

@@ -113,6 +113,9 @@ FLIGHT = (
     Metric("closest_approach_m", "smallest distance between two vehicles",
         "closest approach", "m", ".3f", worst="min", drawn=True,
         judged=Criterion("separation", "separation_m", noun="closest approach", kind="")),
+    Metric("ways_closest_m", "smallest distance between two vehicles before the mission's start or after its end",
+        "closest on the ways out and home", "m", ".3f", worst="min",
+        judged=Criterion("separation", "separation_m", noun="on the ways out and home", kind="")),
     Metric("departures", "vehicles that left formation or ring not by order",
         "vehicles that left", form=".0f", kind=int, worst="max", drawn=True,
         get=lambda r: None if r.departures is None else len({each.vehicle for each in r.departures})),
@@ -175,9 +178,11 @@ VEHICLE = (
         "formation spacing error rms", "m", ".3f", "spacing\nrms [m]", worst="max", drawn=True,
         judged=Criterion("formation", "formation_spacing_error_rms_m", "spacing")),
     Metric("height_error_rms_m", "error of the height on a ring with an altitude or a tilt, rms", worst="max"),
+    Metric("pointing_error_rms_deg", "angle between the camera, as its gimbal reports it, and the target, rms",
+        worst="max"),
 )  # fmt: skip
 """Of each vehicle."""
-ON_RING = tuple(each for each in VEHICLE if each.name.startswith(("radius", "angular_rate", "height")))
+ON_RING = tuple(each for each in VEHICLE if each.name.startswith(("radius", "angular_rate", "height", "pointing")))
 """Of each vehicle on a ring."""
 TRANSITION = (
     Metric("settling_time_s", "time from an engagement to the settled ring", worst="max"),

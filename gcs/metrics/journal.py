@@ -11,12 +11,14 @@ from numpy.typing import NDArray
 from agents.notes import AlertChange, CommandOutcome, Note
 from agents.outputs import CoreStatus
 from agents.tactics import NO_TACTIC
-from agents.team.messages import CommandAnswer, CommandKey, MemberState, NeighbourAngle
+from agents.team.messages import CameraView, CommandAnswer, CommandKey, MemberState, NeighbourAngle
 from agents.team.team import ring_of
 from estimation.state import MOTION, POSITION, VELOCITY, Vector
+from gcs.metrics.apart import closest_on_ways_m, ways_s
 from gcs.metrics.ending import VehicleEnding
 from gcs.metrics.record import (
     GAP_MAX_S,
+    CameraTrack,
     FlightEvent,
     FlightRecord,
     GuardTally,
@@ -28,6 +30,7 @@ from gcs.metrics.record import (
     in_order,
     path_velocity_m_s,
 )
+from gcs.metrics.references import HEIGHT_SHARE
 from gcs.metrics.targets import ring_targets_of, targets_of
 from gcs.mission.mission import Mission, TargetSection
 from sitl.server.server import TruthTrack
@@ -117,7 +120,7 @@ def true_track(estimated: VehicleTrack, truth: TruthTrack, grid_s: Vector) -> Ve
 
 
 def path_on_grid_m(time_s: Vector, position_m: Vector, grid_s: Vector) -> Vector:
-    """Return a path of positions (K, 2) on the grid (T, 2), NaN where no sample is near enough."""
+    """Return a path of positions (K, N) on the grid (T, N), NaN where no sample is near enough."""
     on_grid_m = np.column_stack([np.interp(grid_s, time_s, column) for column in position_m.T])
     outside = (grid_s < time_s[0] - _GRAIN_S) | (grid_s > time_s[-1] + _GRAIN_S)
     on_grid_m[outside | ~_known(time_s, grid_s)] = np.nan
@@ -162,19 +165,21 @@ def _known(time_s: Vector, grid_s: Vector) -> Mask:
 
 @dataclass(slots=True)
 class _Samples:
-    """The samples of one vehicle: times, motions [x y x' y'], tactics and rings; and its estimates of the target."""
+    """The samples of one vehicle: times, motions [x y x' y'], heights, tactics, rings; and its target estimates."""
 
     time_s: list[float] = field(default_factory=list)
     motion: list[Vector] = field(default_factory=list)
     tactic: list[str] = field(default_factory=list)
     ring: list[int] = field(default_factory=list)
+    height_m: list[float] = field(default_factory=list)
     target_s: list[float] = field(default_factory=list)
     target: list[Vector] = field(default_factory=list)
 
-    def add(self, time_s: float, motion: Vector, tactic: str, ring: int) -> None:
+    def add(self, time_s: float, motion: Vector, height_m: float, tactic: str, ring: int) -> None:
         if not self.time_s or time_s > self.time_s[-1]:
             self.time_s.append(time_s)
             self.motion.append(motion)
+            self.height_m.append(height_m)
             self.tactic.append(tactic)
             self.ring.append(ring)
 
@@ -190,7 +195,8 @@ class RunTotals:
 
     `truth` holds simulators' true tracks by system id. `seed` overrides the seed of the mission. `endings` are those of
     the vehicles, as far as known. `faults` are those injected into stub vehicles. `kinds` are the vehicles' kinds by
-    id. `target_path` holds the times (K,) and true positions (K, 2) of a target that reacts, None of any other.
+    id. `target_path` holds the times (K,) and true positions (K, 2) of a target that reacts, None of any other. `views`
+    are where cameras looked, by the vehicles' ids.
     """
 
     source: str
@@ -203,6 +209,7 @@ class RunTotals:
     faults: tuple[InjectedFault, ...] = ()
     kinds: Mapping[int, str] = field(default_factory=dict)
     target_path: tuple[Vector, Vector] | None = None
+    views: Mapping[int, Sequence[CameraView]] = field(default_factory=dict)
 
 
 class Journal:
@@ -230,8 +237,8 @@ class Journal:
             return
         self.tick(tick_us, () if status.guarded is None else [cause.words for cause in status.guarded.causes])
         self.latest[status.vehicle_id] = status
-        if status.motion is not None:
-            of_tick = status.motion, status.tactic.value, status.target, status.ring
+        if status.situation is not None and status.motion is not None:
+            of_tick = status.motion, status.situation.height_m, status.tactic.value, status.target, status.ring
             self.add_sample(status.vehicle_id, status.time_s, *of_tick)
         others = [peer for peer in status.peers if peer.sender not in self._ids]
         if others:
@@ -243,10 +250,17 @@ class Journal:
         self._guard.count(guarded)
 
     def add_sample(
-        self, vehicle_id: int, time_s: float, motion: Vector, tactic: str, target: Vector | None = None, ring: int = 0
+        self,
+        vehicle_id: int,
+        time_s: float,
+        motion: Vector,
+        height_m: float,
+        tactic: str,
+        target: Vector | None = None,
+        ring: int = 0,
     ) -> None:
-        """Add the motion (4,), tactic and ring of a vehicle of this process, and its estimate of the target (4,)."""
-        self._own[vehicle_id].add(time_s, motion, tactic, ring)
+        """Add the motion (4,), height, tactic and ring of a vehicle of this process, and its target estimate (4,)."""
+        self._own[vehicle_id].add(time_s, motion, height_m, tactic, ring)
         if target is not None:
             self._own[vehicle_id].add_target(time_s, target)
 
@@ -264,7 +278,8 @@ class Journal:
         """
         for peer in peers:
             samples, its_ring = self._received[peer.sender], ring_of(peer)
-            samples.add(peer.time_s, np.array([*peer.position_m, *peer.velocity_m_s]), peer.tactic, its_ring)
+            motion = np.array([*peer.position_m, *peer.velocity_m_s])
+            samples.add(peer.time_s, motion, peer.altitude_m, peer.tactic, its_ring)
             angle, is_same = angles.get(peer.sender), self._target_number(its_ring) == self._target_number(ring)
             if angle is not None and target is not None and is_same and angle.time_s == peer.time_s:
                 samples.add_target(peer.time_s, np.array([*_centre_m(peer, angle), *target[VELOCITY]]))
@@ -302,7 +317,27 @@ class Journal:
             kinds=run.kinds,
             targets=targets,
             ring_targets=ring_targets_of(mission),
+            ways_closest_m=self._ways_closest_m(run.truth if true else (), start_s, start_s + float(time_s[-1])),
+            cameras={i: self._camera(i, views, start_s) for i, views in run.views.items() if views},
         )
+
+    def _ways_closest_m(self, truth: Sequence[TruthTrack], start_s: float, end_s: float) -> float | None:
+        """Return how near two vehicles came outside the mission, by truth if it is known, else by their estimates."""
+        paths = [
+            (time_s, np.column_stack((motion[:, POSITION], motion[:, 4]))) for time_s, motion in map(_samples, truth)
+        ] or [
+            (np.array(each.time_s), np.column_stack((np.array(each.motion)[:, POSITION], each.height_m)))
+            for each in {**self._received, **self._own}.values()
+        ]
+        grid_s = ways_s([time_s for time_s, _ in paths], (start_s, end_s))
+        position_m = np.array([path_on_grid_m(*path, grid_s) for path in paths if path[0].size])
+        return closest_on_ways_m(position_m, HEIGHT_SHARE * self._mission.safety.vertical_separation_m)
+
+    def _camera(self, vehicle_id: int, views: Sequence[CameraView], start_s: float) -> CameraTrack:
+        """Return where a vehicle's camera looked; the target's own height counts where the mission has it."""
+        gimbal, height_m = self._mission.vehicle(vehicle_id).section.gimbal, self._mission.target.altitude_m
+        aimed_m = 0.0 if gimbal is None else gimbal.target_height_m
+        return CameraTrack.of(views, start_s, aimed_m if height_m is None else height_m)
 
     def _target_number(self, ring: int) -> int:
         """Return the number of a ring's target."""

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from gcs.metrics.apart import closest_approach_m
 from gcs.metrics.catalogue import Verdicts, judge, not_judged
 from gcs.metrics.departures import departures
 from gcs.metrics.ending import TeamEnding
@@ -27,6 +28,7 @@ from gcs.metrics.transitions import predicted, transitions
 from gcs.metrics.vehicles import (
     engagement_times_s,
     estimated_vehicles,
+    flown_again_s,
     formation_span,
     left_formation_s,
     moved_s,
@@ -74,7 +76,7 @@ def evaluate(
     """Compute the metrics and verdicts of a flight; without a reference no vehicle was to engage."""
     end_s = float(record.time_s[-1]) if record.time_s.size else 0.0
     each_engaged_s, motion = engagement_times_s(record), ring_motion(record, ring.gaps, ring.bend)
-    changes_s = *each_engaged_s, *moved_s(record)
+    changes_s = *each_engaged_s, *moved_s(record), *flown_again_s(record)
     part = judged_part(record.time_s, motion, ring, changes_s)
     window_s, ring_result = judged_ring(record.time_s, motion, part)
     window = within(record.time_s, window_s)
@@ -90,6 +92,7 @@ def evaluate(
         transitions=transitions(record, motion, ring, ring.began_s(changes_s)),
         reynolds=_reynolds(record, window),
         closest_approach_m=_closest_approach_m(record, ring.above_m),
+        ways_closest_m=record.ways_closest_m,
         guard_interventions=None if record.guard is None else record.guard.interventions,
         guard_causes={} if record.guard is None else dict(record.guard.causes),
         loop=LoopResult.of(record.loop),
@@ -120,7 +123,7 @@ def _estimate_result(
         return None
     estimated = replace(record, vehicles=record.estimates)
     motion = ring_motion(estimated, part.ring.gaps, part.ring.bend)
-    began_s = part.ring.began_s((*engagement_times_s(estimated), *moved_s(estimated)))
+    began_s = part.ring.began_s((*engagement_times_s(estimated), *moved_s(estimated), *flown_again_s(estimated)))
     seen = replace(part, began_s=tuple(each for each in began_s if each <= record.time_s[part.samples - 1]))
     vehicles = estimated_vehicles(record, motion, part.ring, window)
     whole = estimated_ring(record.time_s, motion, seen, window)
@@ -138,18 +141,7 @@ def _reynolds(record: FlightRecord, window: Mask) -> ReynoldsResult:
 
 
 def _closest_approach_m(record: FlightRecord, above_m: float | None) -> float | None:
-    """Return the smallest horizontal distance of two vehicles, None if no two were measured at one time.
-
-    With `above_m` two whose heights differ by as much do not count; where heights are not known, none are measured.
-    """
-    x, y = (np.array([track.position_m[:, axis] for track in record.vehicles]) for axis in (0, 1))
-    if above_m is not None:
-        unknown_m = np.full(record.time_s.shape, np.nan)
-        z = np.array([unknown_m if each.altitude_m is None else each.altitude_m for each in record.vehicles])
-    closest_m = np.inf
-    for row in range(len(x) - 1):
-        apart_m = np.hypot(x[row + 1 :] - x[row], y[row + 1 :] - y[row])
-        if above_m is not None:
-            apart_m[~(np.abs(z[row + 1 :] - z[row]) < above_m)] = np.nan
-        closest_m = min(closest_m, float(np.fmin.reduce(apart_m, axis=None, initial=np.inf)))
-    return closest_m if closest_m < np.inf else None
+    x_m, y_m = (np.array([track.position_m[:, axis] for track in record.vehicles]) for axis in (0, 1))
+    unknown_m = np.full(record.time_s.shape, np.nan)
+    height_m = np.array([unknown_m if each.altitude_m is None else each.altitude_m for each in record.vehicles])
+    return closest_approach_m(x_m, y_m, height_m, above_m)

@@ -22,6 +22,7 @@ from agents.notes import (
 )
 from agents.safety.guard import Guarded
 from agents.tactics import NO_TACTIC, Tactic
+from agents.team.messages import CameraView
 from estimation.state import POSITION, VELOCITY, Vector
 from gcs.metrics.ending import VehicleEnding
 
@@ -184,6 +185,28 @@ def injected_faults(given: Iterable[str]) -> tuple[InjectedFault, ...]:
 
 
 @dataclass(frozen=True, slots=True)
+class CameraTrack:
+    """Where one vehicle's camera looked, (K,) at `time_s` since the mission's start: elevation and bearing [rad].
+
+    `altitude_m` (K,) is the height of the vehicle as its autopilot reported it, `target_height_m` that of what the
+    camera is to look at.
+    """
+
+    time_s: Vector
+    elevation_rad: Vector
+    bearing_rad: Vector
+    altitude_m: Vector
+    target_height_m: float
+
+    @classmethod
+    def of(cls, views: Sequence[CameraView], start_s: float, target_height_m: float) -> "CameraTrack":
+        """Return the track of views, whose times are on the clock on which the mission began at `start_s`."""
+        rows = [(each.time_s - start_s, each.elevation_rad, each.bearing_rad, each.position_m[2]) for each in views]
+        time_s, elevation_rad, bearing_rad, altitude_m = np.array(rows).reshape(-1, 4).T
+        return cls(time_s, elevation_rad, bearing_rad, altitude_m, target_height_m)
+
+
+@dataclass(frozen=True, slots=True)
 class FlightRecord:
     """A whole flight on an even grid `time_s` (T,) since the mission's start; the target's motion has shape (T, 2).
 
@@ -192,8 +215,10 @@ class FlightRecord:
     are in order, their times since the mission's start as well. `estimates` are the tracks by the estimates of the same
     vehicles beside the true ones, empty without both. `truth_missing` is the first lack of truth that left the
     reference at the estimate, empty where there is none or no truth at all. `endings` are those of the vehicles of
-    which it is known. `faults` are those injected into stub vehicles.
-    `kinds` are what vehicles are (gcs/autopilots/autopilot.py), by their ids; empty in simulations.
+    which it is known. `faults` are those injected into stub vehicles. `ways_closest_m` is how near two came before the
+    mission's start or after its end (`closest_on_ways_m`), None if there were never two in the air at a like height.
+    `kinds` are what vehicles are (gcs/autopilots/autopilot.py), by their ids; empty in simulations. `cameras` are where
+    the cameras of vehicles looked whose gimbals were pointed, by the vehicles' ids.
 
     The record of a mission of several targets or rings has the true motions of all `targets`, and the number of each
     ring's target in `ring_targets`; else these are empty. The record's own target is then that of the first ring.
@@ -218,6 +243,8 @@ class FlightRecord:
     kinds: Mapping[int, str] = field(default_factory=dict)
     targets: tuple[TargetPath, ...] = ()
     ring_targets: tuple[int, ...] = ()
+    ways_closest_m: float | None = None
+    cameras: Mapping[int, CameraTrack] = field(default_factory=dict)
 
     def of_ring(self, number: int) -> "FlightRecord":
         """Return the record as that of one ring and its target; the record itself is that of its only ring.
@@ -237,6 +264,7 @@ class FlightRecord:
             events=tuple(each for each in self.events if each.ring is None or each.ring.ring == number),
             targets=(),
             ring_targets=(),
+            ways_closest_m=None,
         )
 
     def of_vehicles(self, vehicle_ids: Container[int]) -> "FlightRecord":

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from math import radians, tan
+from math import radians, tan, tau
 from typing import NamedTuple
 
 import msgspec
@@ -13,7 +13,7 @@ from agents.ring.bent_ring import Bender, RingBend
 from agents.ring.commanded_ring import change_s
 from agents.ring.place import Gaps, even_places, weights_of
 from agents.safety.routes import flown_zones
-from agents.settings.sections import EncirclementSettings
+from agents.settings.sections import EncirclementSettings, NoFlySection
 from agents.tactics import NO_TACTIC, Tactic
 from estimation.state import Vector
 from gcs.metrics.ending import named
@@ -135,7 +135,7 @@ class DesiredRing:
     proportion to the weights `gaps`. A ring with heights of its own has the vehicles' `heights_m` at its centre, by id,
     and rises by `rise_m` to its highest point at the bearing `highest_rad`. Where it is one of several of which some
     have heights, two vehicles are separated by their heights if these differ by `above_m`. About a target at rest it
-    may `bend` around no-fly zones: radii then count as if it did not.
+    may `bend` around the no-fly `zones`: radii then count as if it did not.
     """
 
     radius_m: float
@@ -147,10 +147,18 @@ class DesiredRing:
     highest_rad: float = 0.0
     above_m: float | None = None
     bend: RingBend | None = None
+    zones: tuple[NoFlySection, ...] = ()
 
     def height_m(self, vehicle_id: int, bearing_rad: Vector) -> Vector:
         """Return the desired height (T,) of a vehicle at its bearings, NaN on a ring without heights of its own."""
         return self.heights_m.get(vehicle_id, np.nan) + self.rise_m * np.cos(bearing_rad - self.highest_rad)
+
+    def outline_m(self, count: int) -> Vector:
+        """Return places (count, 2) on the ring relative to its target, counter-clockwise."""
+        bearings_rad: Vector = np.arange(count, dtype=np.float64) * (tau / count)
+        radii_m = self.radius_m + (np.zeros(count) if self.bend is None else self.bend.at(bearings_rad)[0])
+        outline_m: Vector = np.stack((radii_m * np.cos(bearings_rad), radii_m * np.sin(bearings_rad)), axis=1)
+        return outline_m
 
     @property
     def changed_s(self) -> list[float]:
@@ -232,7 +240,8 @@ def ring_reference(mission: Mission, events: Iterable[FlightEvent] = ()) -> Desi
     is_stacked = any(each.encirclement.has_heights for each in mission.rings)
     above_m = HEIGHT_SHARE * mission.safety.vertical_separation_m if is_stacked else None
     bend = ring_bend(mission) if ring == mission.encirclement else None
-    return DesiredRing(ring.radius_m, ring.angular_rate_rad_s, mission.gaps, tuple(earlier), *heights, above_m, bend)
+    ways = *heights, above_m, bend, mission.safety.no_fly
+    return DesiredRing(ring.radius_m, ring.angular_rate_rad_s, mission.gaps, tuple(earlier), *ways)
 
 
 def ring_bend(mission: Mission) -> RingBend | None:

@@ -156,6 +156,7 @@ class FlightResult:
     faults: tuple[str, ...] = ()
     kinds: Mapping[int, str] = field(default_factory=dict)
     departures: tuple[Departure, ...] | None = None
+    ways_closest_m: float | None = None
     not_judged: tuple[str, ...] = ()
     plants: tuple[PlantResult, ...] | None = None
     rings: tuple[NamedRing, ...] = ()

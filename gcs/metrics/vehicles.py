@@ -10,8 +10,10 @@ import numpy as np
 
 from agents.tactics import NO_TACTIC, Tactic
 from estimation.state import Vector
+from gcs.metrics.pointing import pointing_error_rms_deg
 from gcs.metrics.record import (
     ANOTHER_RING,
+    GAP_MAX_S,
     TIME_GRAIN_S,
     FlightRecord,
     Mask,
@@ -41,6 +43,7 @@ class VehicleResult:
     formation_speed_error_rms_m_s: float | None = None
     formation_spacing_error_rms_m: float | None = None
     height_error_rms_m: float | None = None
+    pointing_error_rms_deg: float | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -86,6 +89,7 @@ def vehicle_results(
             formation_speed_error_rms_m_s=rms(speed_error_m_s[row]),
             formation_spacing_error_rms_m=rms(spacing_error_m[row]),
             height_error_rms_m=_height_error_rms_m(record.time_s, track, ring, motion.bearing_rad[row], window),
+            pointing_error_rms_deg=pointing_error_rms_deg(record, track, window),
         )
         results.append(result)
     return tuple(results)
@@ -126,6 +130,20 @@ def estimated_vehicles(
 def engagement_times_s(record: FlightRecord) -> tuple[float | None, ...]:
     """Return the time at which each vehicle's tactic was encircle first, None where it never was."""
     return _first_s(record, Tactic.ENCIRCLE)
+
+
+def flown_again_s(record: FlightRecord) -> tuple[float, ...]:
+    """Return when vehicles came to the ring in another flight: after one that ended earlier, or after a restart."""
+    times_s: list[float] = []
+    for track in record.vehicles:
+        known = np.flatnonzero(track.tactic != NO_TACTIC)
+        gaps = np.flatnonzero(record.time_s[known[1:]] - record.time_s[known[:-1]] > GAP_MAX_S) + 1
+        for gap in gaps:
+            later = known[gap:]
+            on = later[track.tactic[later] == Tactic.ENCIRCLE.value]
+            if on.size and track.tactic[later[0]] == Tactic.STANDBY.value:
+                times_s.append(grid_time(float(record.time_s[on[0]])))
+    return tuple(times_s)
 
 
 def left_formation_s(record: FlightRecord) -> tuple[float | None, ...]:

@@ -37,6 +37,7 @@ from gcs.mission.mission import (
     TargetSection,
     VehicleSection,
 )
+from gcs.mission.rally import rally_fits
 from gcs.mission.stability import kept_up
 from gcs.mission.zones import zones_fit
 
@@ -110,6 +111,16 @@ def beyond_limits(
 LAYER_LEAST_M = 1.0
 
 
+def _reserves(known: Sequence[tuple[int, VehicleSection]], leader: int) -> Iterator[KeyFault]:
+    """Check that vehicles begin the mission, among them the leader."""
+    reserves = [(i, vehicle) for i, vehicle in known if vehicle.reserve]
+    for i, vehicle in reserves:
+        if vehicle.id == leader:
+            yield KeyFault(f"vehicles[{i}].reserve", f"the leader of the formation cannot be in reserve (id {leader})")
+    if len(known) - len(reserves) < 2 and reserves:
+        yield KeyFault("vehicles", "with vehicles in reserve, at least two others have to fly")
+
+
 def cross_checked(sections: Mapping[str, Any], vehicles: list[LoadedVehicle | None], places: int) -> Iterator[KeyFault]:
     """Check across sections, each of its model, or None or missing if it is not valid itself.
 
@@ -128,6 +139,7 @@ def cross_checked(sections: Mapping[str, Any], vehicles: list[LoadedVehicle | No
             yield KeyFault(
                 "formation.leader", f"no vehicle has the id {formation.leader} (ids: {', '.join(map(str, ids))})"
             )
+        yield from _reserves(known, formation.leader)
     if safety is not None:
         yield from _starts_apart(known, safety)
         if ring is not None:
@@ -162,6 +174,7 @@ def _inside_limits(
     yield from follows_fit(vehicles, safety, ring, target)
     yield from fence_fits(safety, vehicles, ring, target, sections.get("mission"))
     yield from zones_fit(safety, vehicles, ring, target, sections.get("choreography"), places)
+    yield from rally_fits(safety, vehicles, sections.get("choreography"))
 
 
 def _exclusive_part(url: str) -> str:

@@ -37,8 +37,8 @@ from gcs.mission.validation import shown, unknown_keys, validated
 
 _SECTIONS = ("frame", "formation", "encirclement", "safety", "failsafe", "target_filter", "target", "choreography")
 _OF_THE_MISSION = {"name", "duration_s", "rate_hz"}
-_OF_ONE_COMPUTER = {"url", "true_scale", "sensor"}
-"""Keys that may differ between the computers of a team, or concern only simulated vehicles."""
+_OF_ONE_COMPUTER = {"url", "true_scale", "sensor", "gimbal", "camera_url"}
+"""Keys that may differ between the computers of a team, or concern only simulated vehicles or cameras."""
 
 
 def identified(mission: Mission) -> Mission:
@@ -49,9 +49,13 @@ def identified(mission: Mission) -> Mission:
 def _digest(mission: Mission) -> str:
     """Return 16 hexadecimal digits of the digest of sections, vehicles and profiles, without their file paths."""
     sections = {name: getattr(mission, name).model_dump(mode="json") for name in _SECTIONS}
-    if not mission.safety.no_fly:
-        sections["safety"].pop("no_fly")
+    for key in ("no_fly", "rally"):  # later keys, only where they are used
+        if not getattr(mission.safety, key):
+            sections["safety"].pop(key)
     sections["target"] = _comparable(mission.target)
+    if not mission.safety.traffic_distance_m:
+        for key in ("traffic_distance_m", "traffic_height_m"):
+            sections["safety"].pop(key)
     if mission.targets:
         sections["targets"] = [_comparable(each) for each in mission.targets]
     if mission.rings:

@@ -6,6 +6,7 @@ from itertools import pairwise
 from math import radians
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
+from urllib.parse import urlsplit
 
 from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 
@@ -20,16 +21,19 @@ from agents.settings.sections import (
     FailsafeSettings,
     Fence,
     FormationSettings,
+    GimbalSettings,
     SafetySettings,
     pair,
     pairs,
 )
 from agents.team.messages import MissionIdentity
+from agents.team.text import printable
 from estimation.frames import Geodetic, MissionFrame, Triple
 from estimation.plant.model import Plant
 from estimation.profile.autopilots import DEFAULT, AutopilotName
 from estimation.profile.profile import Profile
 from estimation.settings import OwnFilterSettings, Settings, TargetBehaviour, TargetFilterSettings
+from estimation.vectors import Pair
 from gcs.autopilots.registry import autopilot_of
 from gcs.mission.overrides import overridden, places
 from sitl.reacting_target import Evasion
@@ -370,6 +374,28 @@ def _by_id(default: Callable[[int], str], description: str) -> Any:
     return Field(default_factory=lambda known: default(known.get("id", 1)), description=description)
 
 
+_STREAMS = ("rtsp", "rtsps", "http", "https")
+
+
+def _stream_url(url: str) -> str:
+    """Return the address of a stream. Logs and pages show it: it must hold no password."""
+    try:
+        parts = urlsplit(url)
+        known = parts.scheme in _STREAMS and bool(parts.hostname) and (parts.port is None or parts.port > 0)
+    except ValueError:
+        known = False
+    if not known or printable(url) != url or " " in url:
+        raise ValueError("a stream's address is like rtsp://192.168.1.20:554/main or http://192.168.1.20/video")
+    if parts.username is not None:
+        raise ValueError("it must not hold a user or a password: logs and pages show it")
+    return url
+
+
+def _gimbal(value: object) -> object:
+    """Return the table of a gimbal for `gimbal = true`, and none for false."""
+    return value if not isinstance(value, bool) else ({} if value else None)
+
+
 class VehicleSection(Settings):
     """`[[vehicles]]`: one vehicle. Default ports depend on the id; urls are those of PX4's simulator."""
 
@@ -393,6 +419,10 @@ class VehicleSection(Settings):
     fence_m: Fence | None = Field(None, description="in place of that of `[safety]`")
     altitude_min_m: float | None = Field(None, ge=-500.0, le=9000.0, description="in place of that of `[safety]`")
     altitude_max_m: float | None = Field(None, ge=-500.0, le=9000.0, description="in place of that of `[safety]`")
+    reserve: bool = Field(
+        False,
+        description="stays on the ground until a vehicle runs low or is lost; then takes over",
+    )
     profile: str = Field("stub", description="bundled profile, or a file beside the mission")
     autopilot: AutopilotName | None = Field(None, description="what a stub in its place emulates; none: the profile's")
     true_scale: TrueScale = Field(
@@ -400,6 +430,14 @@ class VehicleSection(Settings):
     )
     decision: DecisionSettings | None = Field(None, description="keys in place of those of `[decision]`")
     sensor: SensorChange | None = Field(None, description="keys in place of those of `[target.sensor]`")
+    camera_url: Annotated[str, AfterValidator(_stream_url)] | None = Field(
+        None, max_length=200, description="address of its camera's stream, such as `rtsp://192.168.1.20:554/main`"
+    )
+    gimbal: Annotated[GimbalSettings | None, BeforeValidator(_gimbal)] = Field(
+        None,
+        description="its camera looks at the target: `true`, or a table with `target_height_m` (height above the "
+        "origin of what is looked at, 0.0) and `view_deg` (angle of view, 60.0)",
+    )
 
     def limits(self, safety: SafetySettings) -> SafetySettings:
         """Return the safety settings of this vehicle: the team's, with its own fence and altitude limits."""
@@ -418,6 +456,12 @@ def lowest_between_m(vehicles: Sequence[VehicleSection], safety: SafetySettings)
     low = [own.altitude_min_m - above_m for own, above_m in limits if own.altitude_min_m is not None]
     high = [own.altitude_max_m - above_m for own, above_m in limits if own.altitude_max_m is not None]
     return max(low, default=None), min(high, default=None)
+
+
+def rally_spot_m(start_m: Pair, starts_m: Sequence[Pair], place_m: Pair) -> Pair:
+    """Return a vehicle's spot [m] at a rally point: from there as far as its start is from the middle of all starts."""
+    x, y = (start_m[axis] - sum(each[axis] for each in starts_m) / len(starts_m) + place_m[axis] for axis in (0, 1))
+    return x, y
 
 
 @dataclass(frozen=True, slots=True)
@@ -561,6 +605,22 @@ class Mission:
             origin = Geodetic(frame.latitude_deg, frame.longitude_deg, frame.altitude_m)
         return MissionFrame(origin, radians(frame.x_bearing_deg))
 
+    def rally_m(self, vehicle: MissionVehicle) -> tuple[Pair, ...]:
+        """Return a vehicle's spots at the rally points [m]."""
+        starts_m = [each.section.start_m for each in self.vehicles]
+        return tuple(rally_spot_m(vehicle.section.start_m, starts_m, each.place_m) for each in self.safety.rally)
+
+    @property
+    def reserves(self) -> tuple[int, ...]:
+        """The ids of the vehicles that stay on the ground until one is needed."""
+        return tuple(each.id for each in self.vehicles if each.section.reserve)
+
+    @property
+    def without_reserves(self) -> "Mission":
+        """The mission of the vehicles that take off at its start."""
+        flown = tuple(each for each in self.vehicles if not each.section.reserve)
+        return self if len(flown) == len(self.vehicles) else replace(self, vehicles=flown)
+
     def agent_config(self, vehicle: MissionVehicle) -> AgentConfig:
         """Return the configuration of one vehicle's agent."""
         return AgentConfig(
@@ -580,14 +640,17 @@ class Mission:
             target_filter=self.target_filter,
             choreography=self.choreography,
             home_m=vehicle.section.start_m,
+            rally_m=() if self.excites else self.rally_m(vehicle),
             layers_from_m=max(each.section.altitude_m for each in self.vehicles),
             altitude_lowest_m=min(each.section.altitude_m for each in self.vehicles),
             lowest_between_m=lowest_between_m([each.section for each in self.vehicles], self.safety),
             slots_m=tuple(each.section.slot_m for each in self.vehicles if each.section.slot_m is not None),
             gaps=self.gaps,
             excitation=self.excitation if self.excites else None,
+            gimbal=vehicle.section.gimbal,
             profile=vehicle.section.profile,
             targets=tuple(each.name for each in self.targets),
+            reserves=self.reserves,
             rings=tuple(
                 RingConfig(
                     each.name,

@@ -10,6 +10,7 @@ from estimation.frames import Triple
 from gcs.autopilots.autopilot import Autopilot, Evidence, VehicleKind
 from gcs.autopilots.registry import UNKNOWN
 from gcs.link.batteries import BatteryReport
+from gcs.link.gimbal import NO_GIMBAL_FACTS, GimbalFacts
 from gcs.link.rates import Losses
 from gcs.link.relay.gate import LinkReport
 from gcs.link.self_reports import EstimatorReport
@@ -108,10 +109,11 @@ class VehicleFacts:
     `unreachable` and `lost` hold (reason, next step) of a vehicle that does not answer, and of one without a position.
     `failed_checks` are the status texts of its failed arming checks. Positions are in the mission frame [m], rates in
     the autopilot's time, whose rate relative to wall time is `clock_ratio`. `firmware` is a version, empty if it is not
-    reported. Parameters, `estimator` and `fence_areas` that could not be read are None. `link` is the traffic with its
-    system id, from it and from others; `link_bytes_s` is the traffic per second on its connection, from all vehicles
-    there, and `losses` what the connection loses. `uid` and `vendor_id` are those of its AUTOPILOT_VERSION. Raises
-    ValueError for numbers that are not finite.
+    reported. Parameters, `estimator`, `fence_areas` and the rally points `rally_m` that could not be read are None.
+    `link` is the traffic with its system id, from it and from others; `link_bytes_s` is the traffic per second on its
+    connection, from all vehicles there, and `losses` what the connection loses. `uid` and `vendor_id` are those of its
+    AUTOPILOT_VERSION. `gimbal` is that of a camera that the mission points. Raises ValueError for numbers that are
+    not finite.
     """
 
     vehicle_id: int
@@ -134,12 +136,14 @@ class VehicleFacts:
     telemetry_rate_asked_hz: float = 20.0
     parameters: Mapping[str, float | None] = field(default_factory=dict)
     fence_areas: tuple[FenceArea, ...] | None = ()
+    rally_m: tuple[tuple[float, float], ...] | None = ()
     link: LinkReport = field(default_factory=LinkReport)
     link_bytes_s: float | None = None
     losses: Losses = field(default_factory=Losses)
     system_id: int = 0
     uid: int | None = None
     vendor_id: int | None = None
+    gimbal: GimbalFacts = NO_GIMBAL_FACTS
 
     def __post_init__(self) -> None:
         numbers = [self.telemetry_rate_hz or 0.0, self.telemetry_rate_asked_hz, self.clock_ratio or 0.0]

@@ -15,12 +15,13 @@ from collections.abc import Awaitable, Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from functools import partial
-from math import cos, inf, sin, tau
+from math import inf, radians
 from typing import Any, NamedTuple
 
 from mavsdk.plugins.geofence import FenceType, Geofence, GeofenceError
 from mavsdk.plugins.info import Info, InfoError
 from mavsdk.plugins.mavlink_direct import MavlinkDirect, MavlinkDirectError, MavlinkMessage
+from mavsdk.plugins.mission_raw import MissionRaw, MissionRawError
 from mavsdk.vehicle import Vehicle
 
 from agents.ports import VehicleRefusedError
@@ -31,6 +32,7 @@ from gcs.autopilots.autopilot import Autopilot
 from gcs.link.calls import AUTOPILOT_COMPONENT, NotReadyError, VehicleCalls, command_long, find_origin
 from gcs.link.config import link_paces
 from gcs.link.feed import VehicleFeed
+from gcs.link.gimbal import FOUND_WITHIN_S, NO_GIMBAL_FACTS, CameraGimbal
 from gcs.link.hub import MavsdkHub
 from gcs.link.mavsdk_link import MavsdkLink
 from gcs.link.rates import FRAMES_MIN, Losses, RateController, Rates, Traffic
@@ -39,6 +41,7 @@ from gcs.link.self_reports import DIMENSIONS, EstimatorReport, estimator_report,
 from gcs.link.signing_keys import signing_keys
 from gcs.link.status_texts import HealthItem
 from gcs.mission.mission import Mission, MissionVehicle
+from gcs.preflight.areas import circle_corners
 from gcs.preflight.findings import FenceArea, GpsFix, VehicleFacts
 from gcs.preflight.vehicle import CALM_MODES
 
@@ -191,7 +194,9 @@ LISTENING_IN_FLIGHT_S, PARAMETERS_IN_FLIGHT_S = 0.8, 1.5
 """Shorter timeouts for the preflight check in `fly`, whose links are connected already."""
 SLOW_PERIODS = 4.0
 """Timeout in periods of the status rate: GPS and battery status come at half of it, and one message may be lost."""
-CIRCLE_CORNERS = 36
+
+_DEG_E7 = 1e7
+"""Of the integers of mission items."""
 
 
 def are_known(losses: Losses, pace: RateController, counted_s: float) -> bool:
@@ -312,6 +317,11 @@ class CheckedLink(MavsdkLink):
             pace.adapt(losses)
         return replace(facts, link=self.report, losses=losses)
 
+    def count_anew(self) -> None:
+        """Count the losses of its connection from now on, for the facts as well."""
+        self.pace.count_anew()
+        self._counted_since_s = None
+
     async def _locate(self) -> None:
         """Look up the vehicle's origin; without one, its facts state that it is not ready."""
         with suppress(NotReadyError):
@@ -333,7 +343,9 @@ async def _facts(
         await connection.streaming.over()
         return VehicleFacts(vehicle_id=vehicle.id, unreachable=(refusal.reason, refusal.next_step))
     clock = WallClock()
-    feed = VehicleFeed(system, frame, clock, hub.posted_calls)
+    gimbal = vehicle.section.gimbal
+    view_rad = None if gimbal is None else radians(gimbal.view_deg)
+    feed = VehicleFeed(system, frame, clock, hub.posted_calls, view_rad=view_rad)
     calls = VehicleCalls(system_id, feed, clock, partial(hub.messages, system_id))
     try:
         feed.subscribe()
@@ -386,16 +398,18 @@ class _VehicleQuery(NamedTuple):
     ) -> VehicleFacts:
         """Run all queries at once; times are wall seconds."""
         autopilot = self.feed.autopilot
-        (ratio, rate_hz), parameters, gps, areas, estimator, identity = await asyncio.gather(
+        (ratio, rate_hz), parameters, gps, (areas, rally_m), estimator, identity = await asyncio.gather(
             self._timing(listening_s),
             read_parameters(self.system, autopilot, parameters_timeout_s),
             self.calls.run(_gps, self.feed.plugin, SLOW_PERIODS / self.rates.status_hz),
-            self.calls.run(_fence_areas, self.system, self.frame),
+            self.calls.run(_plans, self.system, self.frame),
             self.calls.run(read_estimator, self.system, autopilot, parameters_timeout_s),
             self.calls.run(read_identity, self.system, parameters_timeout_s),
         )
         await self._all_batteries()
         feed = self.feed
+        if feed.gimbal is not None:
+            await self.calls.told(partial(_is_known, feed.gimbal), FOUND_WITHIN_S)
         return VehicleFacts(
             vehicle_id=self.vehicle_id,
             autopilot=autopilot,
@@ -419,6 +433,8 @@ class _VehicleQuery(NamedTuple):
             telemetry_rate_asked_hz=self.rates.telemetry_hz,
             parameters=parameters,
             fence_areas=areas,
+            rally_m=rally_m,
+            gimbal=NO_GIMBAL_FACTS if feed.gimbal is None else feed.gimbal.facts,
         )
 
     async def _all_batteries(self) -> None:
@@ -441,6 +457,10 @@ class _VehicleQuery(NamedTuple):
             listened_s = self.feed.link_s() - began_s
             self.feed.plugin.unsubscribe_position_velocity_ned(handle)
         return ratio, samples / listened_s / (ratio or 1.0)
+
+
+def _is_known(gimbal: CameraGimbal) -> bool:
+    return gimbal.facts.answers
 
 
 def _is_healthy(feed: VehicleFeed) -> bool:
@@ -466,6 +486,27 @@ def _gps(telemetry: Any, timeout_s: float) -> GpsFix | None:
     return GpsFix(DIMENSIONS.get(info.fix_type, 3), satellites(info))
 
 
+def _plans(
+    system: Any, frame: MissionFrame
+) -> tuple[tuple[FenceArea, ...] | None, tuple[tuple[float, float], ...] | None]:
+    """Download geofence and rally points, one after the other: an autopilot answers for one plan at a time."""
+    return _fence_areas(system, frame), _rally_m(system, frame)
+
+
+def _rally_m(system: Any, frame: MissionFrame) -> tuple[tuple[float, float], ...] | None:
+    """Download the rally points; None if that fails. Blocks, for seconds without an answer."""
+    if frame.origin is None:
+        return ()
+    plugin, altitude_m = MissionRaw(system), frame.origin.altitude_m
+    try:
+        places = [Geodetic(each.x / _DEG_E7, each.y / _DEG_E7, altitude_m) for each in plugin.download_rallypoints()]
+    except (MissionRawError, ValueError):
+        return None
+    finally:
+        plugin.destroy()
+    return tuple(frame.mission_from_geodetic(place)[:2] for place in places)
+
+
 def _fence_areas(system: Any, frame: MissionFrame) -> tuple[FenceArea, ...] | None:
     """Download the geofence's areas; None if that fails. Blocks, for seconds without an answer."""
     if frame.origin is None:
@@ -488,6 +529,5 @@ def _area(frame: MissionFrame, area: Any, points: Sequence[Any], radius_m: float
     places = (Geodetic(point.latitude_deg, point.longitude_deg, altitude_m) for point in points)
     corners = [frame.mission_from_geodetic(place)[:2] for place in places]
     if radius_m:
-        (x, y), turns = corners[0], (tau * k / CIRCLE_CORNERS for k in range(CIRCLE_CORNERS))
-        corners = [(x + radius_m * cos(turn), y + radius_m * sin(turn)) for turn in turns]
+        corners = list(circle_corners(corners[0], radius_m))
     return FenceArea(tuple(corners), area.fence_type is FenceType.INCLUSION)

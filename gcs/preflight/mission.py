@@ -266,7 +266,7 @@ def ring_acceleration_m_s2(mission: Mission) -> float:
 
 
 def extent_m(mission: Mission, vehicle: MissionVehicle) -> float:
-    """Return a vehicle's largest distance from its start: at the end of its line, on a ring, or in its box."""
+    """Return a vehicle's largest distance from its start: on its line, a ring, at a rally point, or in its box."""
     x, y = vehicle.section.start_m
     if mission.excites:
         return max(hypot(corner_x - x, corner_y - y) for corner_x, corner_y in mission.safety.fence_m)
@@ -276,7 +276,8 @@ def extent_m(mission: Mission, vehicle: MissionVehicle) -> float:
         for alone in mission.alone
         for _, (end_x, end_y) in alone.target.motion.path_m(duration_s, 2)
     ]
-    return max(*around_m, mission.formation.speed_m_s * duration_s)
+    rally_m = [hypot(spot_x - x, spot_y - y) for spot_x, spot_y in mission.rally_m(vehicle)]
+    return max(*around_m, *rally_m, mission.formation.speed_m_s * duration_s)
 
 
 def highest_m(mission: Mission, vehicle: MissionVehicle) -> float:

@@ -308,7 +308,7 @@ def fence_areas(facts: VehicleFacts, mission: Mission, vehicle: MissionVehicle) 
 
 
 def route(mission: Mission, vehicle: MissionVehicle) -> list[Place]:
-    """Return positions [m] of a vehicle in the mission in order of time: its line and the rings, or its box."""
+    """Return positions [m] of a vehicle in the mission: its line and the rings, then its rally points; or its box."""
     start_x, start_y = vehicle.section.start_m
     if mission.excites:
         return [(start_x, start_y), *mission.safety.fence_m]
@@ -320,7 +320,7 @@ def route(mission: Mission, vehicle: MissionVehicle) -> list[Place]:
         for at_s, (x, y) in alone.target.motion.path_m(duration_s, PATH_POINTS + 1):
             angles = (2.0 * pi * k / RING_POINTS for k in range(RING_POINTS))
             timed += [(at_s, (x + radius_m * cos(angle), y + radius_m * sin(angle))) for angle in angles]
-    return [(start_x, start_y), *(place for _, place in sorted(timed, key=itemgetter(0)))]
+    return [(start_x, start_y), *(place for _, place in sorted(timed, key=itemgetter(0))), *mission.rally_m(vehicle)]
 
 
 def within(place: Place, corners: Sequence[Place]) -> bool:

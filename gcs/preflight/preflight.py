@@ -13,6 +13,7 @@ from agents.shell.computer import ComputerClock
 from gcs.errors import Exit
 from gcs.metrics.json_output import json_output
 from gcs.mission.mission import Mission, MissionVehicle
+from gcs.preflight.areas import areas_compared, rally_compared
 from gcs.preflight.computer import ComputerFacts, judge_computer
 from gcs.preflight.findings import MISSION, Finding, Grade, Subject, VehicleFacts, subjects_text
 from gcs.preflight.keys import KeyFacts, keys
@@ -22,6 +23,7 @@ from gcs.preflight.senders import senders
 from gcs.preflight.vehicle import (
     at_rest,
     battery,
+    camera,
     clock_rate,
     clock_setting,
     elsewhere,
@@ -48,6 +50,7 @@ VEHICLE_CHECKS: tuple[Check, ...] = (
     lambda facts, _mission, vehicle: latency(facts, vehicle),
     losses,
     lambda facts, _mission, _vehicle: clock_rate(facts),
+    lambda facts, _mission, vehicle: camera(facts, vehicle),
 )
 """The checks of every vehicle that is received."""
 AUTOPILOT_CHECKS: tuple[Check, ...] = (
@@ -56,6 +59,8 @@ AUTOPILOT_CHECKS: tuple[Check, ...] = (
     lambda facts, _mission, _vehicle: station(facts),
     fence,
     fence_areas,
+    areas_compared,
+    rally_compared,
     lambda facts, mission, _vehicle: autopilot_limits(mission, facts),
 )
 """The checks of every autopilot whose parameters and reports cordon supports."""
@@ -92,6 +97,15 @@ def preflight(
     ]
     for facts in team:
         findings += _of_vehicle(facts, mission, mission.vehicle(facts.vehicle_id), today)
+    return _ordered(findings)
+
+
+def vehicle_findings(mission: Mission, facts: VehicleFacts, today: date | None = None) -> tuple[Finding, ...]:
+    """Return the findings about one vehicle whose team is in the air; ordered, and raises, as `preflight`."""
+    return _ordered(_of_vehicle(facts, mission, mission.vehicle(facts.vehicle_id), today))
+
+
+def _ordered(findings: Iterable[Finding]) -> tuple[Finding, ...]:
     return tuple(sorted(findings, key=lambda finding: _ORDER.index(finding.grade)))
 
 

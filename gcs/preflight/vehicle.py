@@ -13,6 +13,7 @@ from agents.situation.estimator import LINK_DELAY_MAX_S
 from estimation.frames import Triple
 from gcs.autopilots.registry import AUTOPILOTS, advice
 from gcs.link.batteries import BatteryReport
+from gcs.link.gimbal import NO_GIMBAL
 from gcs.link.status_texts import POSITION_ITEMS, HealthItem, explains, quoted
 from gcs.mission.excitation import PLACE_TOLERANCE_M
 from gcs.mission.mission import FrameSection, Mission, MissionVehicle
@@ -110,6 +111,22 @@ def _reported(facts: VehicleFacts, *items: HealthItem) -> str:
     """Return what the autopilot reports about health items, to follow a finding; empty if it reports nothing."""
     texts = [text for text in facts.failed_checks if explains(text, items)]
     return f"; it reports {quoted(texts)}" if texts else ""
+
+
+def camera(facts: VehicleFacts, vehicle: MissionVehicle) -> Iterator[Finding]:
+    """Check that the gimbal of a camera that the mission points answers, and that no other station controls it."""
+    if vehicle.section.gimbal is None:
+        return
+    why = "the mission points its camera at the target"
+    if not facts.gimbal.answers:
+        step = f"switch it on, and check its settings ({advice('gimbal')}), or leave `gimbal` out of the mission"
+        yield Finding(Grade.REFUSE, facts.vehicle_id, "gimbal", NO_GIMBAL, why, step)
+    elif facts.gimbal.controlled_by:
+        found = f"system {facts.gimbal.controlled_by} controls its gimbal"
+        step = "release it there, or leave `gimbal` out of the mission"
+        yield Finding(Grade.REFUSE, facts.vehicle_id, "gimbal", found, why, step)
+    else:
+        yield Finding(Grade.PASS, facts.vehicle_id, "gimbal", "its gimbal answers, and no other station controls it")
 
 
 def _lost(facts: VehicleFacts) -> bool:
@@ -368,6 +385,7 @@ def _shifted(facts: VehicleFacts, by_m: Triple) -> VehicleFacts:
         origin_m=facts.origin_m and (facts.origin_m[0] + x, facts.origin_m[1] + y, facts.origin_m[2] + z),
         position_m=facts.position_m and (facts.position_m[0] + x, facts.position_m[1] + y, facts.position_m[2] + z),
         fence_areas=areas,
+        rally_m=facts.rally_m and tuple((px + x, py + y) for px, py in facts.rally_m),
     )
 
 

@@ -178,10 +178,15 @@ def _estimate(result: FlightResult) -> list[str]:
 
 
 def _apart(result: FlightResult, criteria: Criteria) -> list[str]:
-    if result.closest_approach_m is None:
-        return []
-    required_m = criteria.tolerances.separation_m
-    return [f"Closest approach: {result.closest_approach_m:.2f} m (required separation {required_m:g} m)."]
+    figures = [
+        "" if closest_m is None else f"{closest_m:.2f} m {where}"
+        for closest_m, where in (
+            (result.closest_approach_m, "in the mission"),
+            (result.ways_closest_m, "on the ways out and home"),
+        )
+    ]
+    known = ", ".join(filter(None, figures))
+    return [f"Closest approach: {known} (required separation {criteria.tolerances.separation_m:g} m)."] if known else []
 
 
 def _guarded(result: FlightResult) -> list[str]:

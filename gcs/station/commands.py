@@ -142,9 +142,12 @@ class Commands:
         if request.vehicles is not None and (not request.vehicles or set(request.vehicles) - set(self._mission.ids)):
             yield f"select vehicles of the mission ({', '.join(map(str, self._mission.ids))})"
         asked = self._mission.ids if request.vehicles is None else request.vehicles
-        if self._client is not None and self._client.ended.keys() >= set(asked):
+        row, ended = VERBS[request.verb], set() if self._client is None else {*self._client.ended}
+        if row.is_for_landed and request.vehicles is None:
+            yield "select the vehicles that rejoin"
+        if not row.is_for_landed and ended >= set(asked):
             yield "the flight of every vehicle that it is for has ended"
-        confirmation = VERBS[request.verb].confirmation
+        confirmation = row.confirmation
         if confirmation == "word" and request.confirmation != request.verb:
             yield f"{request.verb} needs the word {request.verb} as confirmation"
         if confirmation == "pilots" and not request.overrides_pilot and (piloted := self._piloted(request)):

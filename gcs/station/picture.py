@@ -32,13 +32,17 @@ class _Picture(msgspec.Struct, frozen=True, tag_field="kind", omit_defaults=Fals
 
 
 class PlannedVehicle(msgspec.Struct, frozen=True):
-    """A vehicle of the mission: `colour` is #rrggbb, `fence_m` its geofence (a polygon, empty without one)."""
+    """A vehicle of the mission: `colour` is #rrggbb, `fence_m` its geofence (a polygon, empty without one).
+
+    `camera_url` is the address of its camera's stream, empty without one.
+    """
 
     vehicle_id: int
     colour: str
     start_m: Triple
     altitude_m: float
     fence_m: tuple[Pair, ...] = ()
+    camera_url: str = ""
 
 
 class OperatorRights(msgspec.Struct, frozen=True):
@@ -133,6 +137,16 @@ class TargetPicture(msgspec.Struct, frozen=True):
     lost_speed_m_s: float | None = None
 
 
+class TrafficPicture(msgspec.Struct, frozen=True):
+    """An aircraft outside the team, as it reported itself `age_s` ago; its altitude is None if it is not known."""
+
+    label: str
+    position_m: Pair
+    velocity_m_s: Pair
+    altitude_m: float | None
+    age_s: float
+
+
 class LostPicture(msgspec.Struct, frozen=True):
     """A flight whose messages have stopped while its vehicles may be in the air.
 
@@ -158,6 +172,7 @@ class TeamPicture(_Picture, frozen=True, tag="team"):
     until the next messages.
 
     With several rings `target` and `ring` are None: `targets` and `rings` have those of all, in the mission's order.
+    `traffic` are aircraft outside the team that a vehicle has received in flight.
     """
 
     time_s: float | None
@@ -172,6 +187,7 @@ class TeamPicture(_Picture, frozen=True, tag="team"):
     ring: RingValues | None = None
     targets: tuple[TargetPicture | None, ...] | UnsetType = UNSET
     rings: tuple[RingValues | None, ...] | UnsetType = UNSET
+    traffic: tuple[TrafficPicture, ...] = ()
 
 
 class EventPicture(_Picture, frozen=True, tag="event"):
@@ -373,4 +389,5 @@ def _planned(mission: Mission, row: int, vehicle: MissionVehicle) -> PlannedVehi
         (*section.start_m, 0.0),
         section.altitude_m,
         tuple(section.limits(mission.safety).fence_m or ()),
+        section.camera_url or "",
     )

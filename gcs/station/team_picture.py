@@ -39,6 +39,7 @@ from gcs.mission.geometry import areas
 from gcs.mission.mission import Mission
 from gcs.station.picture import EventPicture, LostPicture, TargetPicture, TeamPicture
 from gcs.station.seen_target import SeenTarget
+from gcs.station.traffic import SeenTraffic
 
 VANISHED_AFTER_S = 3.0
 """A team whose messages stop all at once for this long has lost its processes, or this computer its network."""
@@ -111,6 +112,7 @@ class TeamPictures:
         self._targets = len(mission.targets)
         self._seen_targets = [SeenTarget(mission, each) for each in mission.every_target]
         self._areas = areas([each.section for each in mission.vehicles], mission.safety)
+        self._traffic = SeenTraffic()
         self._names = ring_names(mission)
         self._state = TeamState(mission.ids, rings=self._names)
         self._numbers = count(1)
@@ -136,6 +138,7 @@ class TeamPictures:
             case MemberState():
                 received.state, received.state_s = message, now_s
                 self._follow_ring(received, message)
+                self._traffic.take(message, now_s)
                 sighted = [each.time_s for each in message.sightings if self._is_of_ring(each, received.ring)]
                 received.sighted_s = max(sighted, default=received.sighted_s)
             case VehicleReport():
@@ -230,6 +233,7 @@ class TeamPictures:
             None if self._rings else rings[0],
             targets if self._rings else UNSET,
             rings if self._rings else UNSET,
+            self._traffic.pictures(now_s),
         )
 
     def _commanded_ring(self, number: int) -> RingValues | None:

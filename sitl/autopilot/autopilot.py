@@ -22,6 +22,7 @@ from sitl.autopilot.fence import Zone
 from sitl.autopilot.guidance import Guidance, PositionTarget
 from sitl.autopilot.modes import Conditions, ModeEvent, NavMode, SelectedMode, can_run
 from sitl.autopilot.parameters import Parameters, ParameterTable
+from sitl.vehicle.mount import Mount
 from sitl.vehicle.shaping import ShapeLimits
 
 
@@ -105,8 +106,10 @@ class StubAutopilot:
         parameters: Parameters | None = None,
         battery: Battery = FULL_BATTERY,
         positioning: Positioning = GPS_POSITIONING,
+        mount: Mount | None = None,
     ) -> None:
         """Boot on the ground at `start_m`, disarmed; the limits of horizontal motion are read once."""
+        self.mount = mount
         self.parameters = parameters or Parameters(self.TABLE)
         self.airframe = Airframe(plant, start_m, shape=self._shape())
         self.battery_fraction = battery.fraction
@@ -251,6 +254,8 @@ class StubAutopilot:
                 self.battery_fraction = max(0.0, self.battery_fraction - STEP_S / self._endurance_s)
             else:
                 self.airframe.fall()
+            if self.mount is not None:
+                self.mount.step(STEP_S, self.airframe.heading_rad)
             self._steps += 1
             self._watch_take_off()
             self._watch_ground()

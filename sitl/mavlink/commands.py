@@ -16,6 +16,7 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from estimation.frames import MissionFrame
 from sitl.autopilot.autopilot import MavResult, StubAutopilot
 from sitl.autopilot.modes import NavMode
+from sitl.mavlink.gimbal import GimbalManager
 from sitl.mavlink.reports import TelemetryFields
 from sitl.mavlink_constants import Fields, MessageId, Outgoing, Result
 
@@ -172,6 +173,7 @@ class CommandId(IntEnum):
     SET_MESSAGE_INTERVAL = 511
     REQUEST_MESSAGE = 512
     REQUEST_AUTOPILOT_CAPABILITIES = 520
+    DO_GIMBAL_MANAGER_CONFIGURE = 1001
 
 
 class Commander:
@@ -184,8 +186,10 @@ class Commander:
         frame: MissionFrame,
         reporter: TelemetryFields,
         schedule: Schedule,
+        gimbal: GimbalManager | None = None,
     ) -> None:
-        """Pass commands to `autopilot`; answer requests for messages with `reporter` and `schedule`."""
+        """Pass commands to `autopilot` and `gimbal`; answer requests for messages with `reporter` and `schedule`."""
+        self._gimbal = gimbal
         self._autopilot = autopilot
         self._dialect = autopilot.DIALECT
         self._frame = frame
@@ -209,12 +213,22 @@ class Commander:
 
         DO_SET_MODE may be acknowledged twice: always accepted on arrival, then the actual result.
         """
+        if command == CommandId.DO_GIMBAL_MANAGER_CONFIGURE:
+            return self._configure_gimbal(params, sender)
         handler = self._handlers.get(command)
         result, answers = handler(params) if handler else (Result.UNSUPPORTED, [])
         twice = command == CommandId.DO_SET_MODE and self._dialect.acknowledges_mode_first
         results = [Result.ACCEPTED, result] if twice else [result]
         acks: list[Outgoing] = [(MessageId.COMMAND_ACK, (command, int(each), 0, 0, *sender)) for each in results]
         return acks + answers
+
+    def _configure_gimbal(self, params: Params, sender: Sender) -> list[Outgoing]:
+        """Give or take control of the gimbal, and report who has it."""
+        result = Result.UNSUPPORTED if self._gimbal is None else self._gimbal.configure(params, sender)
+        command = int(CommandId.DO_GIMBAL_MANAGER_CONFIGURE)
+        acknowledgement: Outgoing = (MessageId.COMMAND_ACK, (command, int(result), 0, 0, *sender))
+        status = [] if self._gimbal is None else self._reporter.report(MessageId.GIMBAL_MANAGER_STATUS)
+        return [acknowledgement, *status]
 
     def _select(self, mode: NavMode) -> tuple[Result, list[Outgoing]]:
         return self._result(self._autopilot.select(mode)), []

@@ -21,6 +21,7 @@ from sitl.autopilot.guidance import PositionTarget
 from sitl.autopilot.parameters import Value
 from sitl.faults import VehicleFaults
 from sitl.mavlink.commands import FENCE_PLAN, Commander, Plans, Schedule
+from sitl.mavlink.gimbal import GimbalManager
 from sitl.mavlink.reports import MavlinkConfig, TelemetryFields
 from sitl.mavlink.signing import REFUSED, SigningState
 from sitl.mavlink_constants import Fields, MessageId, Outgoing
@@ -96,10 +97,13 @@ class MavlinkVehicle:
         self.dropped: Counter[Drop] = Counter()
         self.plans = Plans()
         self._config = config
-        self._reporter = TelemetryFields(autopilot, config, self._faults)
+        self.gimbal = None if autopilot.mount is None else GimbalManager(autopilot.mount, self._boot_ms)
+        self._reporter = TelemetryFields(autopilot, config, self._faults, self.gimbal)
         self._origin_m = self._reporter.origin_m
         self._schedule = Schedule(self._dialect.rates_hz, self._reporter.known, STEP_S * config.system_id)
-        self._commander = Commander(autopilot, frame=config.frame, reporter=self._reporter, schedule=self._schedule)
+        self._commander = Commander(
+            autopilot, frame=config.frame, reporter=self._reporter, schedule=self._schedule, gimbal=self.gimbal
+        )
         self._listing: list[int] = []
         self._texts_chunked = 0
         self._fence: tuple[Fields, ...] = ()
@@ -113,6 +117,7 @@ class MavlinkVehicle:
         return {
             "COMMAND_INT": self._on_command_int,
             "COMMAND_LONG": self._on_command_long,
+            "GIMBAL_MANAGER_SET_ATTITUDE": self._on_gimbal_attitude,
             "HEARTBEAT": self._on_heartbeat,
             "MISSION_ACK": lambda _message, _time_s: [],
             "MISSION_CLEAR_ALL": self._on_mission_clear,
@@ -160,6 +165,11 @@ class MavlinkVehicle:
                 self._send((MessageId.STATUSTEXT, (int(severity), *chunk)))
         if self._listing:
             self._send(self._param_value(self._listing.pop()))
+        return self._outbox.take()
+
+    def pass_on(self, report: Outgoing) -> list[bytes]:
+        """Return the packets of a message that a receiver on board heard, such as ADSB_VEHICLE."""
+        self._send(report)
         return self._outbox.take()
 
     def begin_mission(self) -> None:
@@ -238,6 +248,13 @@ class MavlinkVehicle:
         if items != self._fence:
             self._fence = items
             self.autopilot.zones = zones_of(items, self._config.frame)
+
+    def _boot_ms(self) -> int:
+        return round(self.autopilot.time_s * 1e3) % 2**32
+
+    def _on_gimbal_attitude(self, m: Any, _time_s: float) -> list[Outgoing]:
+        taken = self.gimbal is not None and self.gimbal.point(m, _sender(m))
+        return [] if taken else self._drop(Drop.NOT_UNDERSTOOD)
 
     def _on_heartbeat(self, m: Any, time_s: float) -> list[Outgoing]:
         self.autopilot.receive_heartbeat(time_s, m.get_srcSystem())

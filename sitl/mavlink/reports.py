@@ -15,6 +15,7 @@ from sitl.autopilot.airframe import GRAVITY_M_S2
 from sitl.autopilot.autopilot import StubAutopilot
 from sitl.autopilot.dialect import EstimatorState, TrueMotion, bounded_i16
 from sitl.faults import VehicleFaults, shifted
+from sitl.mavlink.gimbal import GimbalManager
 from sitl.mavlink.signing import SigningKey
 from sitl.mavlink_constants import Fields, MessageId, Outgoing
 
@@ -82,8 +83,14 @@ class Estimate:
 class TelemetryFields:
     """Computes each message's fields from the autopilot's state; messages of the same time share one estimate."""
 
-    def __init__(self, autopilot: StubAutopilot, config: MavlinkConfig, faults: VehicleFaults) -> None:
-        """Report the state of `autopilot`, with the `faults` that affect its motion."""
+    def __init__(
+        self,
+        autopilot: StubAutopilot,
+        config: MavlinkConfig,
+        faults: VehicleFaults,
+        gimbal: GimbalManager | None = None,
+    ) -> None:
+        """Report the state of `autopilot` and its `gimbal`, with the `faults` that affect its motion."""
         self._autopilot = autopilot
         self._dialect = autopilot.DIALECT
         self._config = config
@@ -105,6 +112,7 @@ class TelemetryFields:
             MessageId.EXTENDED_SYS_STATE: self._extended_sys_state,
             self._dialect.estimator_message: self._estimator,
             self._dialect.truth_message: self._truth,
+            **({} if gimbal is None else gimbal.builders),
         }
 
     @property
@@ -126,6 +134,8 @@ class TelemetryFields:
         if self._faults.motion_silent and message in {*MOTION_MESSAGES, self._dialect.truth_message}:
             return []
         if self._faults.battery_silent and message == MessageId.BATTERY_STATUS:
+            return []
+        if self._faults.gimbal_silent and message == MessageId.GIMBAL_DEVICE_ATTITUDE_STATUS:
             return []
         fields = self._builders[message]()
         second = [] if message != MessageId.BATTERY_STATUS else self._second_battery()

@@ -21,10 +21,12 @@ from sitl.faults import VehicleFaults, VehicleInjection, shifted
 from sitl.mavlink.protocol import MavlinkVehicle
 from sitl.mavlink.reports import EstimatorNoise, MavlinkConfig
 from sitl.mavlink.signing import SigningKey
+from sitl.mavlink_constants import Outgoing
 from sitl.server.endpoint import LOOPBACK, Endpoint, StubClock, bound
 from sitl.server.governed_clock import GovernedClock, MotionTransit, SetpointTransit
 from sitl.server.setpoint_stream import SetpointStream
 from sitl.server.true_state import TrueState
+from sitl.vehicle.mount import Mount
 
 WAKE_PERIOD_S = 0.004
 """The shortest wall time between two updates by the wall's clock: at high speed an update takes several steps."""
@@ -57,6 +59,7 @@ class StubConfig:
     among its `parameters` make it look like a board. With a `height_error_m` its heights are off from the start, as the
     altitudes of GPS receivers are; clearing its faults ends that. If it `awaits_stream`, a governed
     time waits for the setpoints of a client that is no participant: a busy computer does not end its offboard flight.
+    With a `gimbal` it has a camera on a simulated mount.
     """
 
     vehicle_id: int
@@ -80,6 +83,7 @@ class StubConfig:
     signing_key: SigningKey | None = None
     uid: int | None = None
     awaits_stream: bool = False
+    gimbal: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -147,22 +151,11 @@ class Stub:
         dx, dy, dz = config.origin_offset_m
         self.config = config
         self.faults = VehicleFaults(height_jump_m=config.height_error_m)
-        self.autopilot = autopilot_named(config.autopilot)(
-            config.plant,
-            (x, y, 0.0),
-            battery=Battery(config.battery_fraction),
-            positioning=Positioning(config.gps, config.localised, config.external),
-        )
-        for name, value in config.parameters.items():
-            if not self.autopilot.parameters.set(name, value):
-                raise ValueError(f"vehicle {config.vehicle_id}: {name} = {value!r} does not fit its type or range")
-        origin_m, seed = (x + dx, y + dy, dz), (config.seed, config.vehicle_id)
-        mavlink = MavlinkConfig(
-            config.vehicle_id, config.frame, origin_m, config.noise, seed, config.signing_key, config.uid
-        )
-        self._vehicle = MavlinkVehicle(self.autopilot, mavlink, self.faults, observer=self)
+        self._origin_m = (x + dx, y + dy, dz)
+        self._booted_steps = 0
+        self._boot((x, y), config.battery_fraction)
         self.endpoint = Endpoint(
-            lambda data: self._vehicle.receive(data, pace.uptime_s()),
+            lambda data: self._vehicle.receive(data, pace.uptime_s() - self._booted_steps * STEP_S),
             (config.client_host, config.client_port),
             self.faults,
             clock,
@@ -172,7 +165,6 @@ class Stub:
         """How many setpoints have arrived."""
         self.setpoint_s = -inf
         """When the newest arrived, on the common clock."""
-        self._origin_m = origin_m
         self._goal_m: Triple | None = None
         self._was_in_offboard = False
         self._pace = pace
@@ -187,6 +179,37 @@ class Stub:
             if config.awaits_stream:
                 clock.expect(SetpointStream(self._stream_age_s))
 
+    def _boot(self, place_m: tuple[float, float], battery_fraction: float) -> None:
+        """Boot an autopilot on the ground at a place in the mission frame."""
+        config = self.config
+        self.autopilot = autopilot_named(config.autopilot)(
+            config.plant,
+            (*place_m, 0.0),
+            battery=Battery(battery_fraction),
+            positioning=Positioning(config.gps, config.localised, config.external),
+            mount=Mount() if config.gimbal else None,
+        )
+        for name, value in config.parameters.items():
+            if not self.autopilot.parameters.set(name, value):
+                raise ValueError(f"vehicle {config.vehicle_id}: {name} = {value!r} does not fit its type or range")
+        mavlink = MavlinkConfig(
+            config.vehicle_id,
+            config.frame,
+            self._origin_m,
+            config.noise,
+            (config.seed, config.vehicle_id),
+            config.signing_key,
+            config.uid,
+        )
+        self._vehicle = MavlinkVehicle(self.autopilot, mavlink, self.faults, observer=self)
+
+    def restart(self, battery_fraction: float) -> None:
+        """Boot its autopilot anew where it stands, disarmed, with a battery of this charge: its clock begins at 0."""
+        x, y, _ = self.autopilot.airframe.position_m
+        self._booted_steps = self._pace.step
+        self._boot((float(x), float(y)), battery_fraction)
+        self._was_in_offboard = False
+
     def advance(self, steps: range) -> None:
         """Take the steps one by one, record the truth, and send the messages that are due."""
         packets: list[bytes] = []
@@ -194,11 +217,11 @@ class Stub:
         for step in steps:
             if self._goal_m is not None and step % TRUTH_STEPS == 0:
                 self._fly_on(self._goal_m)
-            self.autopilot.step(step * STEP_S, (wind_x + push_x, wind_y + push_y))
+            self.autopilot.step((step - self._booted_steps) * STEP_S, (wind_x + push_x, wind_y + push_y))
             packets += self._vehicle.emit(self.autopilot.time_s)
             if step % TRUTH_STEPS == 0:
                 airframe = self.autopilot.airframe
-                clock_s = self.autopilot.time_s + self._pace.clock_offset_s
+                clock_s = self.autopilot.time_s + self._booted_steps * STEP_S + self._pace.clock_offset_s
                 self._truth.append((clock_s, *airframe.position_m, *airframe.velocity_m_s))
         self._was_in_offboard = self._was_in_offboard or self._in_offboard
         motion, self._motion = self._motion, None
@@ -211,6 +234,10 @@ class Stub:
     def send_heartbeat(self) -> None:
         """Send a heartbeat beside those that are due."""
         self.endpoint.send(self._vehicle.heartbeat())
+
+    def hear(self, report: Outgoing) -> None:
+        """Pass on a message that a receiver on board hears: its id and its fields, such as those of ADSB_VEHICLE."""
+        self.endpoint.send(self._vehicle.pass_on(report))
 
     def on_motion(self, ned: tuple[float, ...]) -> None:
         """Take position and velocity in NED that are about to be sent; implements the protocol's `Observer`."""

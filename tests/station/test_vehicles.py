@@ -11,7 +11,7 @@ import pytest
 from msgspec.structs import replace
 from playwright.sync_api import FloatRect, Page, Route, expect
 
-from agents.team.messages import AutopilotReport
+from agents.team.messages import AutopilotReport, CameraView
 from gcs.console.vehicle_view import with_unaccounted
 from gcs.station.picture import MissionPicture, TeamPicture
 from gcs.style import COLOURS
@@ -519,3 +519,47 @@ def test_map_that_is_not_there_yet_says_so(open_page: OpenPage) -> None:
         page.reload()
         expect(page.locator("#map-state")).to_contain_text("could not be loaded")
         expect(page.locator(".card .tactic").first).to_have_text("encircle")
+
+
+FOOTPRINT = """async ([mission, team]) => {
+  const { teamMarks } = await import("./marks.js");
+  const { features } = teamMarks(mission, team, { lonLat: (point_m) => point_m });
+  const cameras = features.filter(({ properties }) => properties.layer === "camera");
+  return cameras.map(({ properties: { colour }, geometry: { coordinates: [points_m] } }) => [colour, points_m]);
+}"""
+"""The colours and corners of what cameras cover."""
+
+
+def test_what_a_camera_covers_is_drawn_and_its_stream_is_a_link(open_page: OpenPage) -> None:
+    """From 8 m, with 60 degrees: a circle below the camera; obliquely from tan 15 to tan 75 degrees; 100 m at most."""
+    mission = ring_mission()
+    planned = replace(mission.vehicles[0], camera_url="rtsp://192.168.1.20:554/main")
+    mission = replace(mission, vehicles=(planned, *mission.vehicles[1:]))
+
+    def looking(elevation_deg: float) -> TeamPicture:
+        team = ring_team(mission, 100.0)
+        view = CameraView(100.0, (20.0, -3.0, 8.0), math.radians(elevation_deg), math.radians(30.0), math.radians(60.0))
+        return changed(team, 1, autopilot=AutopilotReport(camera=view))
+
+    def covered_m(page: Page, elevation_deg: float) -> list[tuple[float, float]]:
+        """The corners from the point below the camera: along its bearing and to its left."""
+        pictures = [msgspec.to_builtins(each) for each in (mission, looking(elevation_deg))]
+        ((colour, points_m),) = page.evaluate(FOOTPRINT, pictures)
+        assert colour == COLOURS[0]
+        along = complex(math.cos(math.radians(30.0)), math.sin(math.radians(30.0)))
+        seen = [complex(x - 20.0, y + 3.0) / along for x, y in points_m]
+        return [(each.real, each.imag) for each in seen]
+
+    with CannedStation(mission, lambda _: looking(-45.0)) as served:
+        page = open_page(served.url)
+        link = page.get_by_role("link", name="Camera of vehicle 1")
+        expect(link).to_have_attribute("href", "rtsp://192.168.1.20:554/main")
+        expect(page.get_by_role("link", name="Camera of vehicle 2")).to_have_count(0)
+        below = [math.hypot(*each) for each in covered_m(page, -90.0)]
+        assert [min(below), max(below)] == pytest.approx([8.0 * math.tan(math.radians(30.0))] * 2)
+        ahead = covered_m(page, -45.0)
+        edges = [min(x for x, _ in ahead), max(x for x, _ in ahead)]
+        assert edges == pytest.approx([8.0 * math.tan(math.radians(each)) for each in (15.0, 75.0)], rel=1e-6)
+        left, right = (end(y for _, y in ahead) for end in (max, min))
+        assert left == pytest.approx(-right)
+        assert max(math.hypot(*each) for each in covered_m(page, -10.0)) == pytest.approx(100.0)

@@ -3,6 +3,7 @@
 import asyncio
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
+from itertools import chain
 from math import isfinite
 from pathlib import Path
 from types import ModuleType
@@ -15,6 +16,7 @@ from mcap.writer import CompressionType, Writer
 from pymavlink.dialects.v20 import ardupilotmega, common
 from starlette.types import Message
 
+from agents.safety.fence import Fence
 from agents.team.codec import decode, encode
 from agents.team.external_positions import ExternalPose, ExternalPoses, ExternalPositions
 from agents.team.messages import (
@@ -30,6 +32,7 @@ from agents.team.messages import (
 )
 from agents.team.perception import ExternalSighting, Perception, encode_sighting
 from agents.team.verbs import VERBS
+from estimation.input_file import toml_content
 from estimation.profile.profile import ProfileError, ProfileLibrary
 from gcs.errors import InputError
 from gcs.flightlog.container import LogError
@@ -63,7 +66,11 @@ from gcs.vehicle_logs import dataflash, own_log, tlog, ulog
 from gcs.vehicle_logs.log_file import STAMP_BYTES, open_log, quiet
 from gcs.viewer.connections import ConnectionLimits
 from gcs.viewer.origin_gate import Address
+from gcs.zones.layout import laid_out
+from gcs.zones.reading import read_drawing
+from gcs.zones.tables import tables_text
 from tests.support.cut_logs import BIN_KEPT, ULOG_EVERY, cut_bin, cut_ulog
+from tests.support.drawn_field import geojson, kml, plan
 from tests.support.flight_logs import engaging, record_simulation
 from tests.support.fuzzing import Target
 from tests.support.paths import DATA, MISSIONS, PROFILES
@@ -150,6 +157,22 @@ def _mission(folder: Path) -> Target:
 
     read = _written(folder / "mission.toml", load)
     return Target("mission", [path.read_bytes() for path in sorted(MISSIONS.glob("*.toml"))], read, (InputError,), 300)
+
+
+def _zones(folder: Path) -> Target:
+    """Read areas of which each is a mission's zone: finite, with corners enough, and not crossing itself."""
+    frame = engaging("case2").mission_frame()
+
+    def load(path: Path) -> object:
+        layout = laid_out(read_drawing(path), frame)
+        for area in layout.zones:
+            assert all(map(isfinite, chain(*area.corners_m)))
+            assert area.radius_m > 0.0 or (len(area.corners_m) >= 3 and Fence(area.corners_m).crossed_edges() is None)
+        assert toml_content(tables_text(layout)) is not None
+        return layout
+
+    valid = [text.encode() for text in (plan(), geojson(), kml())]
+    return Target("zones", valid, _written(folder / "field", load), (InputError,), 600)
 
 
 def _numbers(value: object) -> Iterator[float]:
@@ -409,4 +432,5 @@ TARGETS: dict[str, Callable[[Path], Target]] = {
     "tlog": _tlog,
     "ulog": _ulog,
     "websocket": _websocket,
+    "zones": _zones,
 }

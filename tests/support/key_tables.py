@@ -7,7 +7,7 @@ from typing import Any, Literal, get_args, get_origin
 from pydantic.fields import FieldInfo
 from pydantic_core import PydanticUndefined
 
-from agents.settings.sections import NoFlySection
+from agents.settings.sections import NoFlySection, RallySection
 from estimation.plant.model import Identification
 from estimation.profile.profile import AxisSection, LimitsSection, ProfileFile
 from estimation.settings import OwnFilterSettings, Settings
@@ -28,6 +28,7 @@ from tests.support.units import unit
 _MISSION: dict[str, type[Settings]] = {
     **{f"[{name}]": model for name, model in SECTIONS.items()},
     "[[safety.no_fly]]": NoFlySection,
+    "[[safety.rally]]": RallySection,
     "[network.security]": SecuritySection,
     "[links.NAME]": SharedLinkSection,
     "[target.sensor]": SensorSection,

@@ -46,6 +46,10 @@ OUTPUT_KEYS = {
     "missions[] of missions": (
         "mission vehicles shape radius_m angular_rate_rad_s target_speed_m_s duration_s description"
     ),
+    "zones import": "format file file_format fence no_fly rally not_taken written",
+    "fence of zones import": "name area_m2 corners_m center_m radius_m",
+    "no_fly[] of zones import": "name area_m2 corners_m center_m radius_m floor_m ceiling_m",
+    "rally[] of zones import": "name place_m",
     "check": "format mission grade findings",
     "findings[] of check": "grade subject check found why next_step temporary",
     "sweep": "format mission table runs finished hold do_not_hold not_judged failed verdicts errors",

@@ -13,6 +13,7 @@ from typing import Any
 
 import pytest
 from mavsdk.plugins.geofence import Circle, FenceType, Geofence, GeofenceData, Point, Polygon
+from mavsdk.plugins.mission_raw import MissionRaw
 from mavsdk.plugins.param import Param
 
 from agents.shell.clock import WallClock
@@ -25,6 +26,7 @@ from gcs.preflight import link_facts
 from gcs.preflight.findings import Grade
 from gcs.preflight.link_facts import gather_facts
 from gcs.preflight.preflight import preflight
+from gcs.zones.plan_file import plan_text
 from sitl.mavlink.reports import EstimatorNoise
 from sitl.radio import RadioSpec
 from sitl.server.process import StubProcess
@@ -129,6 +131,47 @@ def test_a_healthy_team_with_one_failsafe_set_wrong(mission: Callable[..., Any],
         upload_fence(team, 2, 20.0)
         upload_fence(team, 3, 2000.0)
         repeated_now(lambda: judge_one_set_wrong(*checked(path)))
+
+
+FIELD = (
+    "[safety]",
+    '[[safety.no_fly]]\nname = "mast"\ncenter_m = [20.0, 60.0]\nradius_m = 8.0\n\n[safety]\n'
+    'rally = [{ name = "hill", place_m = [0.0, 30.0] }]\n'
+    "fence_m = [[-50.0, -50.0], [150.0, -50.0], [150.0, 100.0], [-50.0, 100.0]]",
+)
+
+
+def test_the_exported_plan_on_the_autopilots_is_the_missions(mission: Callable[..., Any], checked: Checked) -> None:
+    """MAVSDK reads the plan as QGroundControl's, and uploads it.
+
+    Vehicle 2 gets one whose mast is 6 m farther east, and the other vehicle's spot at the rally point.
+    """
+    path = with_first_vehicles(mission(FIELD)[0], 2)
+    team = load_mission(path)
+    moved = load_mission(path, {"safety.no_fly[0].center_m": [26.0, 60.0]})
+    with stubs(stub_configs(team)):
+        for vehicle_id, flown in ((1, team), (2, moved)):
+            write(team, vehicle_id, MissionRaw, partial(upload_plan, plan_text(flown, flown.vehicle(1))))
+        repeated_now(lambda: judge_plans(checked(path)[1]))
+
+
+def upload_plan(plan: str, missions: Any) -> None:
+    read = missions.import_qgroundcontrol_mission_from_string(plan)
+    missions.upload_geofence(read.geofence_items)
+    missions.upload_rally_points(read.rally_items)
+
+
+def judge_plans(findings: list[dict[str, str]]) -> None:
+    told = {(each["subject"], each["check"].split()[0]): each for each in findings if "compared" in each["check"]}
+    for vehicle_id, check, grade, words in (
+        (1, "geofence", "pass", ("fence", "'mast'")),
+        (2, "geofence", "warning", ("'mast' is up to 6 m off",)),
+        (1, "rally", "pass", ("1 of the vehicle's 1",)),
+        (2, "rally", "warning", ("0 of the vehicle's 1", "(0, 32)")),
+    ):
+        finding = told[f"vehicle {vehicle_id}", check]
+        assert finding["grade"] == grade
+        assert facts_missing(finding["found"], *words) == []
 
 
 def judge_one_set_wrong(code: int, findings: list[dict[str, str]]) -> None:

@@ -5,9 +5,11 @@ import re
 from collections.abc import Callable
 from dataclasses import replace
 from io import StringIO
+from math import dist
 
 import pytest
 
+from agents.control.return_and_land import ARRIVED_M
 from agents.flight_end import FlightEnd
 from agents.shell.start_agreement import StartAgreement
 from agents.team.messages import BusMessage, StartProposal
@@ -103,6 +105,34 @@ async def test_a_vehicle_that_finds_its_place_late_is_waited_for_and_a_second_mi
     assert not [each for each in told if each.grade is Grade.REFUSE]
     assert all(line.startswith("  vehicle 2: ") for line in waits().splitlines())
     assert facts_missing(waits(), "GPS: no fix") == []
+
+
+RALLY = """[choreography]
+landing = "return"
+layer_m = 2.0
+
+[[safety.rally]]
+name = "west"
+place_m = [-12.0, 3.0]
+
+[[safety.rally]]
+name = "east"
+place_m = [6.0, 2.0]
+
+[safety]"""
+
+
+async def test_a_team_lands_at_its_spots_of_the_nearest_rally_point(mission_file: Callable[..., str]) -> None:
+    """After 20 s at 0.2 m/s along x vehicles are 4 m from their starts, where y is 4 and 0, and 2 m from the east."""
+    mission = load_mission(with_first_vehicles(mission_file("case2", LOW, ("[safety]", RALLY)), 2))
+    async with served(stub_configs(mission), 10.0) as stubs:
+        plan = FlightPlan(mission, 20.0, mission.vehicles, speed=None, clock=stubs.clock.name)
+        flight = await fly(plan, unseen_view())
+        assert [outcome.how for outcome in flight.outcomes.values()] == [FlightEnd.LANDED] * 2
+        landed = {i: vehicle.airframe.position_m for i, vehicle in stubs.vehicles.items()}
+    for vehicle_id, spot in ((1, (6.0, 4.0)), (2, (6.0, 0.0))):
+        assert dist(landed[vehicle_id][:2], spot) < ARRIVED_M, landed
+        assert landed[vehicle_id][2] == pytest.approx(0.0, abs=0.1)
 
 
 async def _find_itself(vehicle: StubAutopilot, when: Callable[[], bool]) -> None:

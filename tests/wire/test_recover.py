@@ -8,38 +8,23 @@ import os
 import shutil
 import signal
 import sys
-from collections.abc import AsyncIterator, Callable, Mapping
-from contextlib import asynccontextmanager
-from dataclasses import replace
-from itertools import combinations
+from collections.abc import Callable, Mapping
 from math import dist
 from pathlib import Path
 
 import psutil
 import pytest
 
-from gcs.flight.stubs import prepared_configs
 from gcs.keys.authority_folder import AuthorityFolder
-from gcs.mission.file import load_mission
-from gcs.mission.mission import Mission
 from sitl.autopilot.modes import NavMode
-from sitl.server.governed_clock import GovernedClock
+from tests.support.served_team import FAST, UNLIKE, Team, team_of
 from tests.support.terminals import take_terminal, terminal
-from tests.support.wire import PATIENCE_S, Served, hurried, running, served, until
+from tests.support.wire import PATIENCE_S, hurried, running, until
 
 pytestmark = pytest.mark.wire
 
-FAST = 10.0
-HOLDS = {"COM_OBL_RC_ACT": 5}
-"""The vehicles hold once no setpoints arrive."""
 HOME_M = 1.5
 """How far from its start a vehicle lands that returns there."""
-UNLIKE = (
-    ("start_m = [0.0, 4.0]", "start_m = [0.0, 4.0]\ntrue_scale = { a0 = 1.15, a1 = 0.9 }"),
-    ("start_m = [0.0, 0.0]", "start_m = [0.0, 0.0]\ntrue_scale = { a0 = 0.88, a1 = 1.1 }"),
-    ("start_m = [0.0, -4.0]", "start_m = [0.0, -4.0]\ntrue_scale = { a0 = 1.1, a1 = 1.1 }"),
-)
-"""A change of case2: its vehicles' plants are off by up to 15 %."""
 ON_RING = (
     *UNLIKE,
     ("start_m = [35.0, -5.0]", "start_m = [14.0, 0.0]"),
@@ -47,57 +32,6 @@ ON_RING = (
     ("start_m = [0.0, -4.0]", 'start_m = [0.0, -4.0]\nautopilot = "ardupilot"'),
 )
 """The same, with its target at hand, at which its vehicles engage at once; one is an ArduCopter."""
-
-
-class Team:
-    """The vehicles as they truly are, and the least distance of any two in the air while it is `watched`."""
-
-    def __init__(self, path: str, mission: Mission, stubs: Served) -> None:
-        self.path, self.mission, self.stubs = path, mission, stubs
-        self.clock: GovernedClock = stubs.clock
-        self.vehicles = stubs.vehicles
-        self.least_m = float("inf")
-
-    def place_m(self, i: int) -> tuple[float, ...]:
-        return tuple(self.vehicles[i].airframe.position_m)
-
-    @property
-    def aloft(self) -> set[int]:
-        return {i for i, each in self.vehicles.items() if each.armed and not each.landed}
-
-    def off_start_m(self, i: int) -> float:
-        return dist(self.place_m(i)[:2], self.mission.vehicle(i).section.start_m)
-
-    async def _watch(self) -> None:
-        while True:
-            for one, other in combinations(sorted(self.aloft), 2):
-                self.least_m = min(self.least_m, dist(self.place_m(one), self.place_m(other)))
-            await self.clock.sleep(0.1)
-
-    @asynccontextmanager
-    async def watched(self) -> AsyncIterator[None]:
-        watching = asyncio.create_task(self._watch())
-        yield
-        watching.cancel()
-
-
-@asynccontextmanager
-async def team_of(
-    path: str, starts_m: Mapping[int, tuple[float, float]] = {}, system_ids: Mapping[int, int] = {}
-) -> AsyncIterator[Team]:
-    """Serve a mission's vehicles; some stand elsewhere, or have another system id than the mission says."""
-    mission = load_mission(path)
-    configs = [
-        replace(
-            each,
-            parameters=HOLDS if each.autopilot == "px4" else {},
-            start_position_m=starts_m.get(each.vehicle_id, each.start_position_m),
-            vehicle_id=system_ids.get(each.vehicle_id, each.vehicle_id),
-        )
-        for each in prepared_configs(mission, mission.ids, 1.0)
-    ]
-    async with served(configs, FAST) as stubs:
-        yield Team(path, mission, stubs)
 
 
 async def kill_in_mid_ring(team: Team) -> None:

@@ -26,9 +26,11 @@ STATION_SYSTEM, STATION_COMPONENT = 245, 190
 """cordon's own ids, those of MAVSDK's ground station."""
 SETPOINT = 84
 """SET_POSITION_TARGET_LOCAL_NED."""
+POINTING = 282
+"""GIMBAL_MANAGER_SET_ATTITUDE."""
 COMMANDS = frozenset({11, 75, 76})
 """SET_MODE, COMMAND_INT, COMMAND_LONG."""
-_TARGET_AT = {SETPOINT: 50, 11: 4, 75: 30, 76: 30}
+_TARGET_AT = {SETPOINT: 50, POINTING: 32, 11: 4, 75: 30, 76: 30}
 """The offset of the target system in the payload."""
 RADIO_STATUS, _BUFFER_FREE_AT = 109, 6
 ODOMETRY, _RESET_COUNTER_AT = 331, 230
@@ -63,7 +65,7 @@ def sequence(frame: bytes) -> int:
 
 
 def target_system(frame: bytes) -> int:
-    """Return the target system of a setpoint or a command; 0, which means all, for other messages."""
+    """Return the target system of a setpoint, a gimbal's direction or a command; 0, which means all, for others."""
     at = _TARGET_AT.get(header(frame).message)
     return 0 if at is None else _payload_byte(frame, at)
 

@@ -25,6 +25,7 @@ from gcs.link.relay.frames import (
     COMMANDS,
     HEARTBEAT,
     MAGIC_V2,
+    POINTING,
     SETPOINT,
     SIGNATURE_LENGTH,
     FrameStream,
@@ -52,7 +53,7 @@ class TransmitQueue:
 
     Commands go before setpoints, and setpoints before the rest. Of each vehicle's setpoints the newest is kept, and one
     is sent `setpoint_hz` times a second, each `copies` times at most: a copy has left a burst of losses behind. MAVSDK
-    repeats the last one more often. Vehicles take turns.
+    repeats the last one more often. Vehicles take turns. The newest direction of each vehicle's gimbal comes last.
     """
 
     def __init__(self, bytes_s: float = inf, setpoint_hz: float = inf, extra_bytes: int = 0) -> None:
@@ -61,6 +62,7 @@ class TransmitQueue:
         self.dropped = 0
         self._commands: deque[Outgoing] = deque()
         self._others: deque[Outgoing] = deque()
+        self._pointings: dict[tuple[int, Address], bytes] = {}
         self._setpoints: dict[tuple[int, Address], _Slot] = {}
         self._free_s = -inf
         """When the connection has sent all frames passed to it."""
@@ -72,6 +74,8 @@ class TransmitQueue:
             self._setpoints.setdefault((target_system(frame), address), _Slot()).put(frame, self.copies)
         elif message == HEARTBEAT or message in COMMANDS:
             self._commands.append((frame, address))
+        elif message == POINTING:
+            self._pointings[target_system(frame), address] = frame
         elif sum(len(each) for each, _ in self._others) + len(frame) <= OTHERS_MAX_BYTES:
             self._others.append((frame, address))
         else:
@@ -88,7 +92,7 @@ class TransmitQueue:
 
     def due_s(self) -> float:
         """Return when the next frame is due [s], which may be past; infinity without one."""
-        if self._commands or self._others:
+        if self._commands or self._others or self._pointings:
             return self._free_s
         waiting = (slot.due_s(1.0 / self.setpoint_hz) for slot in self._setpoints.values())
         return max(self._free_s, min(waiting, default=inf))
@@ -102,7 +106,12 @@ class TransmitQueue:
                 frame = slot.take(now_s, period_s)
                 self._setpoints[key] = self._setpoints.pop(key)  # the others' turns come first now
                 return frame, key[1]
-        return self._others.popleft() if self._others else None
+        if self._others:
+            return self._others.popleft()
+        if self._pointings:
+            first = next(iter(self._pointings))
+            return self._pointings.pop(first), first[1]
+        return None
 
 
 class _Slot:

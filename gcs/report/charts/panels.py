@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from agents.safety.routes import shapes_of
+from agents.settings.sections import NoFlySection
 from agents.tactics import Tactic
 from estimation.state import Vector
 from gcs.metrics.record import FlightRecord, VehicleTrack
@@ -22,6 +24,7 @@ if TYPE_CHECKING:
     from matplotlib.text import Annotation
 
 
+_RING_POINTS = 180
 _LABEL_SHARE = 0.08
 """Room for the label of the uppermost ring, as a share of the map's height."""
 
@@ -137,6 +140,7 @@ def draw_paths(axes: "Axes", sheet: Sheet) -> None:
     title(axes, f"{record.mission}: paths", _verdict_line(sheet.result), is_fault=sheet.result.passes is False)
     names = dict(zip(record.ring_targets, (each.target for each in sheet.result.rings), strict=False))
     ring_names = _draw_rings(axes, sheet)
+    _draw_zones(axes, sheet.ring.zones)
     for number, target_m in enumerate(record.target_paths_m):
         name = names.get(number, "")
         _draw_target(axes, sheet, target_m, "" if name in ring_names else name)
@@ -162,8 +166,9 @@ def _draw_target(axes: "Axes", sheet: Sheet, path_m: Vector, name: str) -> None:
 
 def _draw_rings(axes: "Axes", sheet: Sheet) -> set[str]:
     """Draw the rings that were flown about the last positions of their targets; return the names of several."""
-    from matplotlib.patches import Circle  # noqa: PLC0415
+    from matplotlib.patches import Polygon  # noqa: PLC0415
 
+    outlines = dict[tuple[float, float, float], Vector]()
     drawn, names = set[str](), dict[tuple[float, float, float], list[str]]()
     for each in sheet.each_ring:
         path_m = each.record.target_path_m
@@ -171,12 +176,25 @@ def _draw_rings(axes: "Axes", sheet: Sheet) -> set[str]:
         if each.result.window_s is not None and known_m.size:
             x, y = known_m[-1].tolist()
             names.setdefault((x, y, each.ring.radius_m), []).append(ring_label(each))
+            outlines[x, y, each.ring.radius_m] = known_m[-1] + each.ring.outline_m(_RING_POINTS)
             drawn.add(each.name)
     for (x, y, radius_m), labels in names.items():
-        axes.add_patch(Circle((x, y), radius_m, fill=False, **DESIRED))
+        axes.add_patch(Polygon(outlines[x, y, radius_m], fill=False, **DESIRED))
         if sheet.rings:
             name_ring(axes, (x, y + radius_m), ", ".join(labels))
     return drawn
+
+
+def _draw_zones(axes: "Axes", zones: Sequence[NoFlySection]) -> None:
+    """Draw no-fly zones, hatched, with their names; those out of sight do not widen the map."""
+    from matplotlib.patches import Polygon  # noqa: PLC0415
+
+    for zone, corners_m in zip(zones, shapes_of(zones, 0.0), strict=True):
+        axes.add_artist(Polygon(corners_m, facecolor="none", edgecolor=FAIL, hatch="//", linewidth=0.8, zorder=2))
+        x, y = corners_m.mean(axis=0).tolist()
+        axes.annotate(
+            zone.name, (x, y), ha="center", va="center", fontsize=8, color=INK, zorder=9, annotation_clip=True
+        )
 
 
 def name_ring(axes: "Axes", top_m: tuple[float, float], label: str) -> "Annotation":

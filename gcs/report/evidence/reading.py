@@ -7,17 +7,19 @@ from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from typing import Any
 
+import msgspec
 import numpy as np
 
 from agents.drops import Drops
 from agents.flight_end import FlightEnd, LastPosition
 from agents.inputs import AutopilotStatus, Command, LateTicks, Start
-from agents.team.messages import BusMessage, CommandAnswer, MemberState, NeighbourAngle, OperatorCommand
+from agents.team.messages import BusMessage, CameraView, CommandAnswer, MemberState, NeighbourAngle, OperatorCommand
 from estimation.state import MOTION, Telemetry, Vector
 from gcs.flightlog.container import LogError
 from gcs.flightlog.reader import FlightLog, LogRecord
 from gcs.flightlog.records import Cost, Decision, Run, Taken, Truth, Vehicle, VehicleEnd, notes_of, ring_of
 from gcs.flightlog.run import mission_of, planner_text
+from gcs.flightlog.schema import plain_message
 from gcs.metrics.ending import Unaccounted, VehicleEnding
 from gcs.metrics.journal import Journal, RunTotals
 from gcs.metrics.record import injected_faults
@@ -62,6 +64,7 @@ def read_flight(logs: Sequence[FlightLog]) -> LoggedFlight:
         injected_faults(logs[0].run.faults),
         _kinds(logs),
         logs[0].target_path,
+        {each.vehicle_id: each.views for each in vehicles},
     )
     record = journal.record(start_s, _flown_s(logs, vehicles, start_s), totals)
     order = [track.vehicle_id for track in record.vehicles]
@@ -203,6 +206,7 @@ class _VehicleReader:
         self._angles: dict[int, NeighbourAngle] = {}
         self._battery: list[tuple[float, float]] = []
         self.wind_m_s: list[float] = []
+        self.views: list[CameraView] = []
         self.operators: set[str] = set()
         self._round_trip_s: list[float] = []
         self._truth: dict[bool, list[tuple[float, ...]]] = {False: [], True: []}
@@ -337,7 +341,8 @@ class _VehicleReader:
             rows.own_s.append(decision.time_s)
             rows.own.append(mean[MOTION])
             rows.own_sigma.append(_sigma(decision.own.covariance, 6))
-            of_tick = np.array(mean[MOTION]), decision.tactic, _target_of(decision), ring_of(decision)
+            height_m = self._telemetry[-1][4] if self._telemetry else np.nan
+            of_tick = np.array(mean[MOTION]), height_m, decision.tactic, _target_of(decision), ring_of(decision)
             self._journal.add_sample(self.vehicle_id, decision.time_s, *of_tick)
         if decision.HasField("target"):
             rows.target_s.append(decision.time_s)
@@ -382,6 +387,10 @@ class _VehicleReader:
             self.wind_m_s.append(status.wind_m_s)
         if status.HasField("round_trip_s"):
             self._round_trip_s.append(status.round_trip_s)
+        if "camera" in status.DESCRIPTOR.fields_by_name and status.HasField("camera"):
+            view = msgspec.convert(plain_message(status.camera), CameraView)
+            if not self.views or view.time_s > self.views[-1].time_s:
+                self.views.append(view)
 
 
 def _value_columns(values: dict[int, dict[str, float]], ticks: int) -> dict[str, Vector]:

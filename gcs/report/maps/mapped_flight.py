@@ -4,12 +4,13 @@ from bisect import bisect_right
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
-from math import cos, isfinite, sin, tau
+from math import cos, isfinite, tau
 from typing import NamedTuple
 
 import numpy as np
 
 from agents.inputs import Start
+from agents.safety.routes import shapes_of
 from agents.team.text import printable
 from estimation.frames import Geodetic, MissionFrame, Triple
 from estimation.state import Telemetry
@@ -202,13 +203,12 @@ def _rings(mission: Mission, record: FlightRecord, earth: _Earth) -> Iterator[Ma
 def _circle_m(centre_m: Triple, ring: DesiredRing) -> Iterator[Triple]:
     """Return points of a ring, counter-clockwise."""
     x, y, z = centre_m
-    for at_rad in (tau * k / RING_POINTS for k in range(RING_POINTS)):
-        height_m = z + ring.rise_m * cos(at_rad - ring.highest_rad)
-        yield x + ring.radius_m * cos(at_rad), y + ring.radius_m * sin(at_rad), height_m
+    for k, (off_x, off_y) in enumerate(ring.outline_m(RING_POINTS).tolist()):
+        yield x + off_x, y + off_y, z + ring.rise_m * cos(tau * k / RING_POINTS - ring.highest_rad)
 
 
 def _fences(mission: Mission, earth: _Earth) -> Iterator[MapLine]:
-    """Return the fences on the ground, each with the vehicles that it encloses."""
+    """Return the fences on the ground, each with the vehicles that it encloses, and the no-fly zones."""
     inside: dict[tuple[tuple[float, float], ...], list[int]] = {}
     for vehicle in mission.vehicles:
         if corners_m := vehicle.section.limits(mission.safety).fence_m:
@@ -216,6 +216,8 @@ def _fences(mission: Mission, earth: _Earth) -> Iterator[MapLine]:
     for corners_m, vehicles in inside.items():
         name = "fence" if len(inside) == 1 else f"fence of {named(vehicles)}"
         yield MapLine(name, FAIL, tuple(earth.place((x, y, 0.0)) for x, y in corners_m))
+    for zone, outline_m in zip(mission.safety.no_fly, shapes_of(mission.safety.no_fly, 0.0), strict=True):
+        yield MapLine(f"no-fly zone {zone.name}", FAIL, tuple(earth.place((x, y, 0.0)) for x, y in outline_m.tolist()))
 
 
 def _starts(mission: Mission, vehicles: Sequence[int], earth: _Earth) -> Iterator[MapPoint]:

@@ -97,9 +97,11 @@ export class Cards {
       return element("div", { class: isCopied ? "wide" : BRIEF.includes(name) && "brief" }, element("dt", {}, label), value);
     });
     actWhenHeld(parts.recovered, () => this.send({ kind: "recovered", vehicle_id: id }));
+    const stream = { class: "stream", href: planned.camera_url, target: "_blank", rel: "noopener noreferrer" };
+    const camera = planned.camera_url ? [element("a", stream, `Camera of vehicle ${id}`)] : [];
     const head = element("div", { class: "card-head" }, title, select);
     const item = element("li", { class: "card", "data-vehicle": id, "aria-labelledby": `card-${id}` });
-    item.append(head, parts.headline, parts.due, parts.advice, parts.recovered, element("dl", {}, ...values));
+    item.append(head, parts.headline, parts.due, parts.advice, parts.recovered, ...camera, element("dl", {}, ...values));
     return { item, parts };
   }
 

@@ -131,10 +131,10 @@ export class Commands {
   }
 
   #button(verb) {
-    const isHeld = verb.confirmation === "all";
+    const isHeld = verb.confirmation === "all" || verb.confirmation === "take-off";
     const name = element("span", { class: "verb" }, `${title(verb)}${verb.confirmation === "word" || verb.takes ? "…" : ""}`);
-    const button = element("button", { type: "button", "data-verb": verb.name, "data-takes": verb.takes, class: isHeld ? "held" : "" }, name);
-    if (isHeld) actWhenHeld(button, () => this.#request(verb, this.#target(), {}));
+    const button = element("button", { type: "button", "data-verb": verb.name, "data-takes": verb.takes, "data-landed": verb.is_for_landed ? "yes" : "", class: isHeld ? "held" : "" }, name);
+    if (isHeld) actWhenHeld(button, () => this.#request(verb, verb.is_for_landed ? this.#landed() : this.#target(), {}));
     else button.addEventListener("click", () => this.#press(verb));
     button.append(element("span", { class: "whom" }));
     return button;
@@ -143,6 +143,11 @@ export class Commands {
   #target() {
     const { vehicles, all, isEmpty } = this.selection;
     return { vehicles, all, isAll: isEmpty };
+  }
+
+  /** The vehicles that are down, each of which may take off again. */
+  #landed() {
+    return { vehicles: this.selection.landed, all: this.selection.landed, isAll: false };
   }
 
   #everyone() {
@@ -242,9 +247,11 @@ export class Commands {
     this.#showRest();
     for (const button of byId("verbs").children) {
       const how = button.classList.contains("held") ? ", hold 1 s" : button.dataset.verb === HOLD.verb ? `, key ${HOLD.key}` : "";
-      const whom = button.dataset.takes === "ring" ? all : vehicles; // a ring is the whole team's
-      setText(button.querySelector(".whom"), shortNames(whom, all) + how);
-      button.disabled = all.length === 0 || this.#processesEnded;
+      const { landed } = this.selection;
+      const whom = button.dataset.landed ? landed : button.dataset.takes === "ring" ? all : vehicles; // a ring is the whole team's
+      const names = button.dataset.landed ? whom.join(", ") : shortNames(whom, all);
+      setText(button.querySelector(".whom"), whom.length ? names + how : "");
+      button.disabled = all.length === 0 || whom.length === 0 || this.#processesEnded;
     }
   }
 

@@ -7,6 +7,7 @@ const CIRCLE = unitCircle(64);
 const SMALL_CIRCLE = unitCircle(32); // 0.5 % of its radius inside the circle at most
 const DEVIATIONS = 2; // the ellipse contains the target with a probability of 86 %
 const VELOCITY_SHOWN_S = 10;
+const FAR_M = 100; // a camera that looks along the ground covers it to the horizon
 
 const collection = (features) => ({ type: "FeatureCollection", features });
 
@@ -37,7 +38,8 @@ const hasFence = (vehicle) => vehicle.fence_m.length > 2;
 /** The targets with their rings, and the setpoints or aims and circles of vehicles, of a TeamPicture. */
 export function teamMarks(mission, team, frame) {
   const targets = targetsOf(team).flatMap((target, number) => (target ? targetMarks(mission, team, number, frame) : []));
-  return collection([...targets, ...team.vehicles.flatMap((vehicle) => vehicleMarks(mission, vehicle, team, frame))]);
+  const traffic = (team.traffic ?? []).map((each) => trafficMark(each, frame));
+  return collection([...targets, ...traffic, ...team.vehicles.flatMap((vehicle) => vehicleMarks(mission, vehicle, team, frame))]);
 }
 
 function targetMarks(mission, team, number, frame) {
@@ -83,12 +85,34 @@ export function flownRadius(vehicles) {
   return radii.length ? radii.reduce((sum, each) => sum + each.radius_m, 0) / radii.length : null;
 }
 
+/** An aircraft outside the team, with its way in `VELOCITY_SHOWN_S`. */
+function trafficMark({ position_m, velocity_m_s }, frame) {
+  return line("traffic", [[position_m, ahead(position_m, velocity_m_s)], ...cross(position_m, 3)], frame);
+}
+
+/** What a camera covers of the ground at the origin's height, to `FAR_M` from the vehicle: where its cone of view meets it. */
+export function footprint({ position_m: [x, y, height], elevation_rad, bearing_rad, view_rad }) {
+  const [up, across] = [Math.sin(elevation_rad), Math.cos(elevation_rad)];
+  const [east, north] = [Math.cos(bearing_rad), Math.sin(bearing_rad)];
+  const [ahead, aside] = [Math.cos(view_rad / 2), Math.sin(view_rad / 2)];
+  return CIRCLE.map(([cosine, sine]) => {
+    const along = ahead * across - aside * sine * up; // of the ray, horizontally along the camera's bearing
+    const [dx, dy] = [along * east - aside * cosine * north, along * north + aside * cosine * east];
+    const sinks = -(ahead * up + aside * sine * across);
+    const horizontal = Math.hypot(dx, dy);
+    const length = Math.min(sinks > 0 ? Math.max(height, 0) / sinks : Infinity, FAR_M / Math.max(horizontal, 1e-9));
+    return [x + length * dx, y + length * dy];
+  });
+}
+
 function vehicleMarks(mission, vehicle, team, frame) {
   if (vehicle.position_m === null) return [];
   const { colour } = mission.vehicles.find((each) => each.vehicle_id === vehicle.vehicle_id);
   const isCurrent = !["stale", "ended"].includes(trouble(vehicle, team)) && !vehicle.is_stale;
   const round = circle(vehicle.position_m, mission.separation_m / 2, SMALL_CIRCLE);
   const marks = [line(isCurrent ? "separation" : "stale", [round], frame, { colour })];
+  const { camera } = vehicle.autopilot;
+  if (isCurrent && camera) marks.push(area("camera", footprint(camera), frame, { colour }));
   const ahead_m = vehicle.setpoint_m ?? vehicle.aim_m;
   if (!isCurrent || ahead_m === null) return marks;
   return [...marks, line("setpoint", [[vehicle.position_m, ahead_m], ...cross(ahead_m, 0.4)], frame, { colour })];
@@ -115,9 +139,9 @@ function line(layer, parts_m, frame, properties = {}) {
   return { type: "Feature", properties: { layer, ...properties }, geometry: { type: "MultiLineString", coordinates } };
 }
 
-function area(layer, points_m, frame) {
+function area(layer, points_m, frame, properties = {}) {
   const coordinates = [points_m.map((point_m) => frame.lonLat(point_m))];
-  return { type: "Feature", properties: { layer }, geometry: { type: "Polygon", coordinates } };
+  return { type: "Feature", properties: { layer, ...properties }, geometry: { type: "Polygon", coordinates } };
 }
 
 const closed = (points) => [...points, points[0]];

@@ -9,7 +9,7 @@ import { Measure } from "./measure.js";
 import { copy, copyOnClick, frameOf, fullPlaceText, placeText } from "./places.js";
 import { Pointing } from "./pointing.js";
 import { flownRing, ringsOf, targetNames, targetsOf } from "./rings.js";
-import { ringSymbol, showTarget, showVehicle, targetSymbol, vehicleSymbol, zoneSymbol } from "./symbols.js";
+import { ringSymbol, showTarget, showTraffic, showVehicle, targetSymbol, trafficSymbol, vehicleSymbol, zoneSymbol } from "./symbols.js";
 import { otherSymbol } from "./teams.js";
 import { atMostEvery } from "./throttle.js";
 import { byTrouble, trouble } from "./vehicles.js";
@@ -32,6 +32,8 @@ const LINES = [
   ["team", "ellipse", "--ink", 1, null, "uncertainty"],
   ["team", "reach", "--warning", 2, [4, 3], "uncertainty"],
   ["team", "velocity", "--ink", 3, null, "uncertainty"],
+  ["team", "camera", null, 1, [1, 2], "cameras"],
+  ["team", "traffic", "--alarm", 2, null, "traffic"],
   ["team", "separation", null, 1.5, null, "separation"],
   ["team", "stale", null, 1.5, [2, 3], "separation"],
   ["team", "setpoint", null, 1.2, [2, 2], "setpoints"],
@@ -42,6 +44,7 @@ const AREAS = [
   ["keep-out", "--alarm", 0.12, "team"],
   ["ellipse", "--ink", 0.15, "team"],
   ["reach", "--warning", 0.1, "team"],
+  ["camera", "--ink", 0.06, "team"],
 ];
 
 maplibre.setWorkerUrl(import.meta.resolve("./vendor/maplibre-gl-worker.mjs")); // in a report it is not beside the library
@@ -89,7 +92,8 @@ export class Scene {
     this.measure.start(mission, this.frame);
     this.tiles.start(mission.tiles);
     for (const { marker } of this.symbols?.values() ?? []) marker.remove();
-    for (const { marker } of [...(this.targets ?? []), ...(this.ringNames ?? [])]) marker.remove();
+    for (const { marker } of [...(this.targets ?? []), ...(this.ringNames ?? []), ...(this.traffic?.values() ?? [])]) marker.remove();
+    this.traffic = new Map();
     this.symbols = new Map(mission.vehicles.map((planned) => [planned.vehicle_id, this.#vehicle(planned)]));
     this.targets = targetNames(mission).map((name) => this.#marked(targetSymbol(name)));
     this.ringNames = (mission.rings ?? []).map((ring) => this.#marked(ringSymbol(ring)));
@@ -150,6 +154,7 @@ export class Scene {
     this.drawTrails(past);
     for (const vehicle of team.vehicles) this.#showVehicle(vehicle, team);
     this.#showTargets(team);
+    this.#showTraffic(team.traffic ?? []);
     this.#placeLabels();
     if (this.isFollowing) this.#keepInView(team);
   }
@@ -186,6 +191,20 @@ export class Scene {
     const places = targets.map((target) => placeText(this.mission, target?.position_m));
     if (places.length === 1) this.#showPlace("target-place", "Target", places[0]);
     else this.#showPlace("target-place", "Targets", places.map((place, number) => `${this.targets[number].name} ${place}`).join("; "));
+  }
+
+  #showTraffic(traffic) {
+    for (const [label, { marker }] of this.traffic) {
+      if (traffic.some((each) => each.label === label)) continue;
+      marker.remove();
+      this.traffic.delete(label);
+    }
+    for (const aircraft of traffic) {
+      if (!this.traffic.has(aircraft.label)) this.traffic.set(aircraft.label, this.#marked(trafficSymbol()));
+      const symbol = this.traffic.get(aircraft.label);
+      showTraffic(symbol, aircraft);
+      this.#place(symbol.marker, aircraft.position_m);
+    }
   }
 
   /** Move the camera so that these points are seen. */

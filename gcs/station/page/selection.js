@@ -85,6 +85,11 @@ export class Selection {
     return Object.entries(counts).flatMap(([why, count]) => (count ? `${count} ${why}` : [])).join(", ");
   }
 
+  /** The ids of the vehicles whose flight has ended. */
+  get landed() {
+    return this.#planned.filter((id) => this.#ended.has(id));
+  }
+
   /** The ids of all vehicles that fly, or will. */
   get all() {
     return this.#planned.filter((id) => !this.#ended.has(id));

@@ -51,6 +51,16 @@ export function zoneSymbol({ name, floor_m, ceiling_m }) {
   return { root: element("div", { class: "zone-name" }, `✕ ${name}${from}${to}`) };
 }
 
+/** The label of an aircraft outside the team. */
+export function trafficSymbol() {
+  return { root: element("div", { class: "traffic-name" }) };
+}
+
+/** Show an aircraft's label, its height and how long ago it reported itself. */
+export function showTraffic(symbol, { label, altitude_m, age_s }) {
+  setText(symbol.root, `▲ ${label} · ${altitude_m === null ? "height unknown" : metres(altitude_m)} · ${age(age_s)} ago`);
+}
+
 /** The symbol of a target. */
 export function targetSymbol(name) {
   const picture = drawing("svg", { viewBox: "-20 -20 40 40", "aria-hidden": "true" });

@@ -12,6 +12,7 @@ import pytest
 from agents.control.return_and_land import assembled
 from agents.core import VehicleCore
 from agents.inputs import Message, Start, TacticEvent
+from agents.safety.endurance import return_duration_s
 from agents.settings.config import AgentConfig
 from agents.settings.sections import ChoreographySettings
 from agents.tactics import Event, Tactic
@@ -24,7 +25,7 @@ CLIMB_M_S = 1.0
 SINK_M_S = 0.5
 LAYER_M = 3.0
 HOMES = {1: (0.0, 4.0), 2: (0.0, 0.0), 3: (0.0, -4.0)}
-RETURN = {"layer_m": LAYER_M, "landing": "return"}
+RETURN: dict[str, Any] = {"layer_m": LAYER_M, "landing": "return"}
 MakeConfig = Callable[..., AgentConfig]
 
 
@@ -59,7 +60,13 @@ class Flyer:
 class Sky:
     """Three vehicles in the air that hear each other at once."""
 
-    def __init__(self, make: MakeConfig, places: dict[int, tuple[float, float]], **choreography: Any) -> None:
+    def __init__(
+        self,
+        make: MakeConfig,
+        places: dict[int, tuple[float, float]],
+        rally: tuple[tuple[float, float], ...] = (),
+        **choreography: Any,
+    ) -> None:
         settings = ChoreographySettings(**choreography)
         self.now_s = 100.0
         self.flyers = {
@@ -68,6 +75,7 @@ class Sky:
                     vehicle_id=i,
                     choreography=settings,
                     home_m=HOMES[i],
+                    rally_m=tuple((x, y + HOMES[i][1]) for x, y in rally),
                     layers_from_m=8.0,
                     safety={"separation_m": 2.0},
                 ),
@@ -136,6 +144,26 @@ def test_vehicles_that_return_rise_cross_in_layers_and_land_in_order_at_their_st
     assert nearest_m > 0.9 * LAYER_M
     for i, each in sky.flyers.items():
         assert dist(each.place, HOMES[i]) < 1.0
+
+
+def test_each_lands_at_the_nearest_of_its_places_where_nobody_else_does(make_config: MakeConfig) -> None:
+    """Rally points at 40 and 80 m: the first two are nearer to one each, the third to its start."""
+    sky = settled(
+        Sky(make_config, {1: (45.0, 0.0), 2: (70.0, -8.0), 3: (12.0, 6.0)}, ((40.0, 0.0), (80.0, 0.0)), **RETURN)
+    )
+    began_s = sky.now_s
+    sky.end()
+    nearest_m = 99.0
+    while any(sky.up()):
+        sky.step()
+        assert sky.now_s < began_s + 300.0, "they never came down"
+        nearest_m = min(nearest_m, sky.clearances_m())
+    assert nearest_m > 2.0
+    for i, spot in {1: (40.0, 4.0), 2: (80.0, 0.0), 3: (0.0, -4.0)}.items():
+        assert dist(sky.flyers[i].place, spot) < 1.0, i
+    config = sky.flyers[1].config
+    way_s = [return_duration_s(config, (x, 4.0), 8.0, (0.0, 0.0)) for x in (40.0, 60.0, 20.0, 0.0)]
+    assert way_s[0] == way_s[3] < way_s[1] == way_s[2]
 
 
 def test_vehicles_well_apart_land_together_and_near_ones_one_by_one(make_config: MakeConfig) -> None:

@@ -302,6 +302,7 @@ CASES = {
     Condition.LINK_DEGRADED: Case(
         reporting(link_fault="34% of its messages are lost"), reporting(), 0.0, AS_BEFORE * 3
     ),
+    Condition.GIMBAL_FAILED: Case(reporting(gimbal_fault="system 255 controls it"), reporting(), 0.0, AS_BEFORE * 3),
     Condition.BATTERY_WARNING: Case(reporting(battery_fault="battery 0 low"), reporting(), 4.0, AS_BEFORE * 3),
     Condition.STATUS_STALE: Case(reporting(stale="battery"), reporting(), 0.0, AS_BEFORE * 3),
     Condition.ESTIMATOR_DEGRADED: Case(reporting(satellites=5), reporting(satellites=6), 2.8, AS_BEFORE * 3),

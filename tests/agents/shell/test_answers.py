@@ -14,7 +14,7 @@ from agents.team.codec import decode
 from agents.team.messages import CommandAnswer, OperatorCommand, RingValues
 from agents.team.verbs import VERBS, Verb
 from tests.agents.shell.test_agent import reach
-from tests.support.fake_flight import FakeFlight
+from tests.support.fake_flight import ALONE, FakeFlight
 from tests.support.simulated_loop import run_simulated
 
 MOMENT_S = 0.25
@@ -88,7 +88,8 @@ def answered(situation: Situation, *verbs: Verb) -> list[tuple[str, Tactic]]:
         for number, verb in enumerate(verbs, NUMBER):
             shape: Shape | None = "wedge" if verb == "formation" else None
             ring = RingValues(radius_m=12.0) if verb == "ring" else None
-            flight.bus.deliver(OperatorCommand(flight.clock.now_s(), verb, None, "anna", number, shape, ring=ring))
+            vehicle = ALONE.vehicle_id if verb == "rejoin" else None
+            flight.bus.deliver(OperatorCommand(flight.clock.now_s(), verb, vehicle, "anna", number, shape, ring=ring))
             await asyncio.sleep(MOMENT_S)
             sent = (decode(payload) for topic, payload in flight.bus.published if topic == "answer")
             answers = [each.did for each in sent if isinstance(each, CommandAnswer) and each.number == number]
@@ -105,8 +106,8 @@ def answered(situation: Situation, *verbs: Verb) -> list[tuple[str, Tactic]]:
 
 NOT_WAITING = "did not wait for its start"
 GROUND, LANDS, RETURNS = "refused: it waits on the ground for its start", "refused: it is landing", "returns and lands"
-DOWN = "refused: it has flown and is disarmed: end the flight, then take off again"
-STANDS = "refused: it has flown and is on the ground: end the flight, then take off again"
+DOWN = "refused: it is on the ground, disarmed: it takes off by rejoin"
+STANDS = "refused: it has flown and is on the ground: it takes off again by rejoin"
 HANDED_OVER = "refused: cordon has handed it over: resume takes it back, kill cuts its motors"
 CUT = "refused: its motors are being cut"
 RETURNING = "refused: it is on its way to land"
@@ -157,6 +158,16 @@ ANSWERS: Mapping[str, tuple[str, ...]] = {
     "motors being cut": (CUT,) * 7,
     "ended": (DOWN,) * 7,
 }  # fmt: skip
+FLIES, PILOTED = "refused: it has not landed", "refused: it is in a pilot's hands: let its pilot land and disarm it"
+REJOINS: Mapping[str, str] = {
+    "waiting on the ground": GROUND,
+    "handed over": PILOTED,
+    "handed over, on the ground": PILOTED,
+    "handed over, landed": "is checked",
+    "link lost": "refused: its link is lost: rejoin once it is received again",
+    "ended": "is checked",
+}
+"""The answers to rejoin; in other situations FLIES."""
 STEERING: tuple[Verb, ...] = ("hold", "resume", "land", "rtl", "abort", "formation", "ring", "assign")
 BECOMES = {
     "holds": {Tactic.HOLD},
@@ -170,7 +181,7 @@ BECOMES = {
 
 @pytest.mark.parametrize("name", SITUATIONS)
 def test_every_answer_is_true(name: str) -> None:
-    assert set(STEERING) | {"start", "kill"} == set(VERBS)
+    assert set(STEERING) | {"start", "kill", "rejoin"} == set(VERBS)
     refuses = all(expected.startswith("refused: ") for expected in ANSWERS[name])
     # What is refused changes nothing.
     flights: list[tuple[Verb, ...]] = [STEERING] if refuses else [(verb,) for verb in STEERING]
@@ -182,6 +193,7 @@ def test_every_answer_is_true(name: str) -> None:
         if (after := BECOMES.get(did.split(" ")[0].strip(",;"))) is not None:
             assert tactic in after, did
     waits = name == "waiting on the ground"
+    assert answered(SITUATIONS[name], "rejoin")[0][0] == REJOINS.get(name, FLIES)
     (started, _), (killed, _) = answered(SITUATIONS[name], "start", "kill")
     assert started.startswith("takes off" if waits else NOT_WAITING)
     assert killed == "cuts the motors"

@@ -12,7 +12,8 @@ E, A = LifeEvent, Action
 # One line for each phase, one letter for each event in the order below; '.' changes nothing, a space only separates.
 EVENTS = (
     *(E.ADOPT, E.ACCOMPANY),
-    *(E.FLY, E.CLOCKS_AGREE, E.CLOCKS_DIFFER),
+    *(E.FLY, E.STAND_BY, E.FLY_AGAIN, E.REJOIN),
+    *(E.CLOCKS_AGREE, E.CLOCKS_DIFFER),
     *(E.TAKE_OFF_DONE, E.TAKE_OFF_REFUSED, E.SETPOINT_SENT),
     *(E.OFFBOARD_CONFIRMED, E.OFFBOARD_REFUSED),
     *(E.START_AGREED, E.START_REFUSED, E.DURATION_OVER),
@@ -25,22 +26,22 @@ EVENTS = (
     *(E.FAULT, E.ABORTED, E.SETPOINTS_LOST),
 )
 TABLE = {
-    Phase.GROUND: "AP c.. ... .. ... ... ... .. .. .. K.. ...",
-    Phase.COMPARING_CLOCKS: ".. .tX ... .. ... q.. ... .. .. .. k.. xx.",
-    Phase.TAKE_OFF: ".. ... vV. .. ... w.. h.. .. .. .. k.. WW.",
-    Phase.HOVERING: ".. ... ..o .. ... .q. d.. .. .. .. k.. xx.",
-    Phase.ENTERING_OFFBOARD: ".. ... ... aX ... .q. d.. .. .. .. k.. xx.",
-    Phase.AGREEING_START: ".. ... ... .. mX. s.. dp. .. .. .. k.. xxO",
-    Phase.FLYING: ".. ... ... .. mXR sQr dp. .. .. .. k.. xxO",
-    Phase.STOPPING: ".. ... ... .. M.. .Qr dp. .. .. .. k.. xxO",
-    Phase.PILOT_OVERRIDE: ".. ... ... .. MyY HYY y.b .. .. .. k.. yy.",
-    Phase.TAKING_BACK: ".. ... ... fp MuU HUU u.. .. .. .. k.. uu.",
-    Phase.RETURNING: ".. ... ... .. ... .x. xue .. .. .. k.. xxO",
-    Phase.CHECKING_ARMED: ".. ... ... .. ... ... ... lz .. .. k.. .x.",
-    Phase.LEAVING_OFFBOARD: ".. ... ... .. ... ... ... .. nN .. K.. .g.",
-    Phase.LANDING: ".. ... ... .. ... ... ... .. .. zZ K.. .g.",
-    Phase.KILLING: ".. ... ... .. ... ... ... .. .. .. .DL .g.",
-    Phase.ENDED: ".. ... ... .. ... ... ... .. .. .. i.. ...",
+    Phase.GROUND: "AP cg.. .. ... .. ... ... ... .. .. .. K.. ...",
+    Phase.COMPARING_CLOCKS: ".. .... tX ... .. ... q.. ... .. .. .. k.. xx.",
+    Phase.TAKE_OFF: ".. .... .. vV. .. ... w.. h.. .. .. .. k.. WW.",
+    Phase.HOVERING: ".. .... .. ..o .. ... .q. d.. .. .. .. k.. xx.",
+    Phase.ENTERING_OFFBOARD: ".. .... .. ... aX ... .q. d.. .. .. .. k.. xx.",
+    Phase.AGREEING_START: ".. .... .. ... .. mX. s.. dp. .. .. .. k.. xxO",
+    Phase.FLYING: ".. .... .. ... .. mXR sQr dp. .. .. .. k.. xxO",
+    Phase.STOPPING: ".. .... .. ... .. M.. .Qr dp. .. .. .. k.. xxO",
+    Phase.PILOT_OVERRIDE: ".. ...y .. ... .. MyY HYY y.b .. .. .. k.. yy.",
+    Phase.TAKING_BACK: ".. .... .. ... fp MuU HUU u.. .. .. .. k.. uu.",
+    Phase.RETURNING: ".. .... .. ... .. ... .x. xue .. .. .. k.. xxO",
+    Phase.CHECKING_ARMED: ".. .... .. ... .. ... ... ... lz .. .. k.. .x.",
+    Phase.LEAVING_OFFBOARD: ".. .... .. ... .. ... ... ... .. nN .. K.. .g.",
+    Phase.LANDING: ".. .... .. ... .. ... ... ... .. .. zZ K.. .g.",
+    Phase.KILLING: ".. .... .. ... .. ... ... ... .. .. .. .DL .g.",
+    Phase.ENDED: ".. ..c. .. ... .. ... ... ... .. .. .. i.. ...",
 }
 # The phase after it, None for the same; and what is done.
 LETTERS: dict[str, tuple[Phase | None, tuple[Action, ...]]] = {
@@ -135,12 +136,13 @@ def test_no_way_to_the_end_leaves_a_vehicle_in_the_air_to_itself(event: LifeEven
         assert handed_over or A.END_SUPERVISION not in actions, (phase, event)
 
 
-def test_only_resume_leads_from_pilot_override_towards_offboard() -> None:
-    _, actions = walks(Phase.PILOT_OVERRIDE, E.RESUME)
+def test_only_a_command_leads_from_pilot_override_towards_offboard() -> None:
+    _, actions = walks(Phase.PILOT_OVERRIDE, E.RESUME, E.FLY_AGAIN)
     assert not actions & {A.TAKE_BACK, A.START_OFFBOARD, A.TAKE_OFF}
-    phases, actions = walks(Phase.PILOT_OVERRIDE, E.RESUME, E.KILL)
+    phases, actions = walks(Phase.PILOT_OVERRIDE, E.RESUME, E.KILL, E.FLY_AGAIN)
     assert phases == {Phase.PILOT_OVERRIDE, Phase.ENDED}
     assert not actions & {A.LAND, A.STOP_OFFBOARD}
+    assert [phase for phase in Phase if next_phase(phase, E.FLY_AGAIN)[0] is not phase] == [Phase.ENDED]
     assert next_phase(Phase.PILOT_OVERRIDE, E.RESUME) == (Phase.TAKING_BACK, (A.TAKE_BACK,))
 
 
@@ -150,7 +152,7 @@ def test_nothing_is_sent_after_a_kill_but_where_the_vehicle_refuses_it() -> None
         assert actions[0] is A.CUT_MOTORS
         assert not set(actions) & SENDS
         assert after in (Phase.KILLING, Phase.ENDED)
-    _, done = walks(Phase.KILLING, E.KILL_REFUSED)
+    _, done = walks(Phase.KILLING, E.KILL_REFUSED, E.FLY_AGAIN)
     assert not done & SENDS
 
 

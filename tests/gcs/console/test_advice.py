@@ -24,6 +24,7 @@ FLIES_ON = {
     "peer doubtful",
     "link degraded",
     "battery warning",
+    "gimbal failed",
     "status stale",
     "sightings contradict",
     "target from outside only",

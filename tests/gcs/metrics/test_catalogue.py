@@ -13,8 +13,9 @@ def test_every_verdict_has_a_field_and_what_it_judges() -> None:
     assert {each.verdict for each in JUDGED} == {each.name for each in VERDICTS} - {"engaged", "kept"}
 
 
-def test_every_tolerance_judges_one_metric() -> None:
-    assert sorted(each.tolerance for each in JUDGED if each.tolerance) == sorted(VerdictTolerances.model_fields)
+def test_every_tolerance_judges_metrics_of_one_verdict() -> None:
+    judges = {(each.tolerance, each.verdict) for each in JUDGED if each.tolerance}
+    assert sorted(tolerance for tolerance, _ in judges) == sorted(VerdictTolerances.model_fields)
     assert {each.desired for each in JUDGED} - {""} <= {each.name for each in fields(DesiredRing)}
 
 

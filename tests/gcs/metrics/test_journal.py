@@ -275,7 +275,7 @@ def test_a_vehicle_of_this_process_is_known_by_itself_whatever_is_read_first(mis
     for time_s in np.arange(0.0, 10.05, 0.1).tolist():
         journal.add_peers([peer(1, time_s)], {}, None)
     for time_s in np.arange(0.0, 10.05, 0.1).tolist():
-        journal.add_sample(1, START_S + time_s, np.array(straight(time_s)), "formation", seen(time_s))
+        journal.add_sample(1, START_S + time_s, np.array(straight(time_s)), 6.0, "formation", seen(time_s))
     flight = record(journal)
     assert_flies(track(flight, 1), flight.time_s, straight)
     target = track(flight, 1).target

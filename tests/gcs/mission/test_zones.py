@@ -5,6 +5,8 @@ from typing import Any
 import pytest
 
 from gcs.mission.mission import Mission
+from gcs.preflight.findings import Grade
+from gcs.preflight.mission import feasibility
 from tests.support.mission_text import changed, faults, parsed
 
 # case2: starts at x = 0, y = 4, 0 and -4, all at 8 m, layers of 2 m; the target starts at (35, -5), the ring has 10 m.
@@ -85,3 +87,50 @@ def test_two_zones_of_one_name_are_refused() -> None:
 def test_a_zone_above_or_below_all_heights_is_over_nobody() -> None:
     assert len(parsed(zone(center_m=[0.0, -4.0], radius_m=3.0, floor_m=60.0)).safety.no_fly) == 1
     assert len(parsed(zone(center_m=[35.0, -5.0], radius_m=30.0, floor_m=60.0)).safety.no_fly) == 1
+
+
+AT_REST: dict[tuple[str | int, ...], Any] = {
+    ("target", "velocity_m_s"): [0.0, 0.0],
+    ("encirclement", "angular_rate_rad_s"): 0.1,
+}
+
+
+def at_rest(**safety: object) -> dict[str, Any]:
+    return changed(AT_REST | {("safety", key): value for key, value in safety.items()})
+
+
+def test_a_ring_that_cannot_bend_is_refused_unless_its_target_moves() -> None:
+    """Inside of the wall is the keep-out disc, outside the ring would be 47 m away, at 4.7 m/s."""
+    wall = {"name": "wall", "polygon_m": [[40.0, -6.0], [80.0, -6.0], [80.0, -4.0], [40.0, -4.0]]}
+    (fault,) = faults(at_rest(no_fly=[wall], keep_out_m=6.0))
+    assert fault.startswith("safety.no_fly: the ring of 10.0 m")
+    assert "'wall'" in fault
+    assert len(parsed(changed({("safety", "no_fly"): [wall], ("safety", "keep_out_m"): 6.0})).safety.no_fly) == 1
+    assert len(parsed(at_rest(no_fly=[wall | {"floor_m": 60.0}], keep_out_m=6.0)).safety.no_fly) == 1
+
+
+def test_a_ring_to_which_no_way_leads_is_refused() -> None:
+    fence = [[-5.0, -30.0], [60.0, -30.0], [60.0, 20.0], [-5.0, 20.0]]
+    across = {"name": "across", "polygon_m": [[14.0, -40.0], [16.0, -40.0], [16.0, 19.5], [14.0, 19.5]]}
+    found = faults(at_rest(no_fly=[across], fence_m=fence))
+    assert [each.partition(":")[0] for each in found] == [f"vehicles[{i}].start_m" for i in range(3)]
+    assert all("no way" in each and "'across'" in each for each in found)
+    # With more room in the fence there is one.
+    wider = [[-5.0, -30.0], [60.0, -30.0], [60.0, 24.0], [-5.0, 24.0]]
+    assert len(parsed(at_rest(no_fly=[across], fence_m=wider)).safety.no_fly) == 1
+
+
+def test_check_warns_of_zones_on_the_autopilots_straight_way_home() -> None:
+    house = {"name": "house", "polygon_m": SQUARE}
+    between = {"name": "between", "center_m": [16.0, -4.0], "radius_m": 1.0}
+    low = {"name": "low", "center_m": [16.0, 4.0], "radius_m": 1.0, "ceiling_m": 3.0}
+
+    def warned(*zones: dict[str, Any]) -> list[bool]:
+        found = [each for each in feasibility(parsed(at_rest(no_fly=list(zones)))) if each.check == "return by itself"]
+        assert [each.about for each in found] == ([1, 2, 3] if zones else [])
+        assert all("between" in each.found for each in found if each.grade is Grade.WARNING)
+        return [each.grade is Grade.WARNING for each in found]
+
+    assert warned() == []
+    assert warned(house | {"polygon_m": [[x, y - 60.0] for x, y in SQUARE]}, low) == [False] * 3
+    assert warned(between) == [True] * 3

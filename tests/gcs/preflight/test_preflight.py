@@ -4,7 +4,7 @@ import json
 import re
 from dataclasses import replace
 from io import StringIO
-from math import hypot, pi, sin
+from math import cos, hypot, pi, sin
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +13,7 @@ from msgspec import structs
 from rich.console import Console
 
 from agents.ports import FlightMode, VehicleStatus
+from agents.settings.sections import NoFlySection, RallySection
 from gcs.autopilots import ardupilot, px4, registry
 from gcs.autopilots.autopilot import STUB_UID
 from gcs.autopilots.px4 import SITL_UID
@@ -333,6 +334,8 @@ def test_arming_checks_depend_on_the_mode(mode: FlightMode, grade: str) -> None:
 def test_a_team_in_the_wrong_place_is_one_finding(subtests: pytest.Subtests) -> None:
     """x points east: 5.8 km north are 5800 m along y, 2.6 m lower by the curvature. A degree has 111.18 km."""
     areas = (FenceArea(((-150.0, 5650.0), (150.0, 5650.0), (150.0, 5950.0), (-150.0, 5950.0)), stay_in=True),)
+    fence_m = tuple((x, y - 5800.0) for x, y in areas[0].corners_m)
+    fenced = replace(CASE2, safety=CASE2.safety.model_copy(update={"fence_m": fence_m}))
     latitude_deg = CASE2.frame.latitude_deg
     assert latitude_deg is not None
     for off_m, says in (
@@ -345,7 +348,7 @@ def test_a_team_in_the_wrong_place_is_one_finding(subtests: pytest.Subtests) -> 
             moved = [well(i, origin_m=place_m, position_m=place_m) for i, place_m in places_m.items()]
             if off_m[1] > 100.0:
                 moved = [replace(each, fence_areas=areas) for each in moved]
-            (found,) = [each for each in preflight(CASE2, moved) if each.grade is not Grade.PASS]
+            (found,) = [each for each in preflight(fenced, moved) if each.grade is not Grade.PASS]
             assert (found.grade, found.subject, found.check) == (Grade.REFUSE, "mission", "place")
             assert facts_missing(f"{found.found}. {found.next_step}", *says) == []
 
@@ -659,6 +662,65 @@ def test_the_areas_of_the_fence(subtests: pytest.Subtests) -> None:
         with subtests.test(areas=areas, expected=expected):
             findings = team(fence_areas=areas)
             assert [each.grade.value for each in findings if each.check == "fence areas"] == expected
+
+
+def test_the_areas_are_compared_with_the_missions(subtests: pytest.Subtests) -> None:
+    """The mission's fence is 200 m wide about the origin; a mast of 8 m and a house of 10 m are closed."""
+    zones = (
+        NoFlySection(name="mast", center_m=(0.0, 60.0), radius_m=8.0),
+        NoFlySection(name="house", polygon_m=((50.0, 50.0), (60.0, 50.0), (60.0, 60.0), (50.0, 60.0))),
+    )
+    closed = replace(CASE2, safety=CASE2.safety.model_copy(update={"no_fly": zones}))
+    fence, house = square(100.0, stay_in=True, about=(0.0, 0.0)), square(5.0, stay_in=False, about=(55.0, 55.0))
+    turns = [2.0 * pi * k / 36 for k in range(36)]
+    mast = FenceArea(tuple((8.0 * cos(turn), 60.0 + 8.0 * sin(turn)) for turn in turns), stay_in=False)
+    moved, wider = square(5.0, stay_in=False, about=(55.0, 62.0)), square(103.0, stay_in=True, about=(0.0, 0.0))
+    for mission, areas, grade, words in (
+        (closed, (house, fence, mast), "pass", ("fence", "zone 'mast'", "zone 'house'")),
+        (closed, (square(101.0, stay_in=True, about=(0.0, 0.0)), mast, house), "pass", ()),
+        (closed, (wider, mast, house), "warning", ("fence is up to 4 m off",)),
+        (closed, (fence, mast, moved), "warning", ("zone 'house' is up to 7 m off",)),
+        (closed, (fence, mast), "warning", ("zone 'house' is missing",)),
+        (
+            closed,
+            (square(100.0, stay_in=False, about=(0.0, 0.0)), mast, house),
+            "warning",
+            ("fence is missing", "(0, 0)"),
+        ),
+        (closed, (fence, mast, house, square(2.0, stay_in=False)), "warning", ("keep out of about (50, 0)",)),
+        (closed, (), "warning", ("no areas",)),
+        (closed, None, None, ()),
+        (CASE2, (), "pass", ("no areas",)),
+        (CASE2, (fence,), "pass", ("it holds fence",)),
+        (OPEN, (fence,), None, ()),
+    ):
+        with subtests.test(areas=areas, grade=grade, words=words):
+            findings = preflight(mission, [well(1, fence_areas=areas)])
+            told = [each for each in findings if each.check == "geofence compared"]
+            assert [each.grade.value for each in told] == ([] if grade is None else [grade])
+            assert facts_missing("".join(each.found for each in told), *words) == []
+
+
+def test_the_rally_points_are_compared_with_the_missions(subtests: pytest.Subtests) -> None:
+    """Vehicle 1 starts 4 m left of the middle of the team."""
+    rally = (RallySection(name="hill", place_m=(30.0, 20.0)), RallySection(name="road", place_m=(60.0, 20.0)))
+    ready = replace(CASE2, safety=CASE2.safety.model_copy(update={"rally": rally}))
+    for mission, points, grade, words in (
+        (ready, ((30.0, 24.0), (60.5, 24.5)), "pass", ("2 of the vehicle's 2",)),
+        (ready, ((60.0, 24.0),), "pass", ("1 of the vehicle's 2",)),
+        (ready, (), "pass", ("0 of the vehicle's 2",)),
+        (ready, ((30.0, 20.0), (60.0, 24.0)), "warning", ("1 of the vehicle's 2", "(30, 20)")),
+        (ready, None, "warning", ("could not be downloaded",)),
+        (CASE2, ((30.0, 20.0),), "warning", ("(30, 20)",)),
+        (CASE2, (), None, ()),
+        (CASE2, None, None, ()),
+    ):
+        with subtests.test(points=points, grade=grade, words=words):
+            told = [
+                each for each in preflight(mission, [well(1, rally_m=points)]) if each.check == "rally points compared"
+            ]
+            assert [each.grade.value for each in told] == ([] if grade is None else [grade])
+            assert facts_missing("".join(each.found for each in told), *words) == []
 
 
 def test_areas_of_a_fence_that_does_not_act_are_none(subtests: pytest.Subtests) -> None:

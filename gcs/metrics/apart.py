@@ -1,0 +1,51 @@
+"""How near two vehicles came to each other."""
+
+from collections.abc import Collection
+from typing import Final
+
+import numpy as np
+
+from estimation.state import Vector
+
+AIRBORNE_M: Final = 0.5
+"""A vehicle that is less than this above the origin, or above its lowest place if that is lower, is on the ground."""
+WAYS_STEP_S: Final = 0.1
+
+
+def closest_approach_m(x_m: Vector, y_m: Vector, height_m: Vector, above_m: float | None) -> float | None:
+    """Return the smallest horizontal distance of two vehicles, None if no two were measured at one time.
+
+    All are (V, T), NaN where a place is not known. With `above_m` two whose heights differ by as much do not count, and
+    none of which the height is not known.
+    """
+    closest_m = np.inf
+    for row in range(len(x_m) - 1):
+        apart_m = np.hypot(x_m[row + 1 :] - x_m[row], y_m[row + 1 :] - y_m[row])
+        if above_m is not None:
+            apart_m = np.where(np.abs(height_m[row + 1 :] - height_m[row]) < above_m, apart_m, np.nan)
+        closest_m = min(closest_m, float(np.fmin.reduce(apart_m, axis=None, initial=np.inf)))
+    return closest_m if closest_m < np.inf else None
+
+
+def ways_s(times_s: Collection[Vector], mission_s: tuple[float, float]) -> Vector:
+    """Return the times (T,) of the ways, from the first place known until the last one: those outside the mission."""
+    known = [each for each in times_s if each.size]
+    if not known:
+        return np.empty(0)
+    out_s = np.arange(min(each[0] for each in known), mission_s[0], WAYS_STEP_S)
+    home_s = np.arange(mission_s[1], max(each[-1] for each in known), WAYS_STEP_S)
+    return np.concatenate((out_s, home_s))
+
+
+def closest_on_ways_m(position_m: Vector, above_m: float) -> float | None:
+    """Return the smallest horizontal distance of two vehicles in the air on the way out and on the way home.
+
+    `position_m` (V, T, 3) are their places then, NaN where not known. Two whose heights differ by `above_m` do not
+    count: vehicles take off and return in layers. None if there were never two.
+    """
+    if not position_m.size:
+        return None
+    x_m, y_m, height_m = np.moveaxis(position_m, 2, 0)
+    ground_m = np.fmin.reduce(height_m, axis=1, keepdims=True, initial=0.0)
+    x_m = np.where(height_m > ground_m + AIRBORNE_M, x_m, np.nan)
+    return closest_approach_m(x_m, y_m, height_m, above_m)

@@ -1,0 +1,133 @@
+"""A swap: a vehicle lands in mid-ring, its battery and its autopilot are new, and it rejoins the flight of its team.
+
+The vehicles are stubs of this process, on a governed clock, with plants that differ from their profiles.
+"""
+
+import asyncio
+import json
+import signal
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from gcs.report.flight_book import read_book
+from tests.support.served_team import UNLIKE, team_of
+from tests.support.swaps import NEAR_TARGET, SETTLING_S, RingTruth, Tracks, commanded, in_offboard, swap, told
+from tests.support.wire import PATIENCE_S, hurried, running, until
+
+pytestmark = pytest.mark.wire
+ALL, OTHERS = (1, 2, 3), (1, 3)
+
+
+@pytest.mark.long
+async def test_a_vehicle_that_landed_with_a_low_battery_comes_back_into_the_ring(
+    mission_file: Callable[..., str], tmp_path: Path
+) -> None:
+    """It is refused while it flies and while its battery is empty; the log of it all is replayed bit for bit."""
+    path, log = mission_file("case2", *UNLIKE, *NEAR_TARGET), tmp_path / "swap.mcap"
+    async with (
+        team_of(path) as team,
+        asyncio.timeout(PATIENCE_S),
+        running("fly", path, "--log", str(log), "--json") as flight,
+    ):
+        tracks = Tracks(team)
+        recording = asyncio.create_task(tracks.record())
+        await in_offboard(team)
+        with hurried(team.clock):
+            await team.clock.sleep(SETTLING_S)
+        code, said = await told(team, 2)
+        assert (code, "it has not landed" in said) == (3, True), said
+        swapped = await swap(team, 2, emptied=True)
+        with hurried(team.clock):
+            await team.clock.sleep(1.5 * SETTLING_S)
+        ends_s = team.clock.now_s()
+        flight.send_signal(signal.SIGINT)
+        await team.clock.sleep(1.0)
+        code, said = await told(team, 2)
+        assert (code, "it has not landed" in said) == (3, True), said
+        flight.send_signal(signal.SIGINT)
+        with hurried(team.clock):
+            await until(lambda: not team.aloft, 200.0, "all landings", clock=team.clock)
+        recording.cancel()
+        out, err = await flight.communicate()
+    ring = RingTruth(team, log, tracks.samples)
+    before = ring.figures(ALL, swapped.low_s - 5.0, swapped.low_s)
+    between = ring.figures(OTHERS, swapped.rejoined_s - 5.0, swapped.rejoined_s)
+    after = ring.figures(ALL, ends_s - 10.0, ends_s)
+    even_s = ring.even_after_s(ALL, swapped.rejoined_s, ends_s)
+    least_m = tracks.least_m(until_s=ends_s)
+    print(f"MEASURED before: {before}\nbetween: {between}\nafter: {after}")
+    print(f"even {even_s:.1f} s after the command; least distance {least_m:.2f} m")
+    for each in (before, between, after):
+        assert each.radius_off_m < 0.3
+        assert each.spacing_off_deg < 3.0
+    assert even_s < 1.4 * SETTLING_S
+    assert least_m >= team.mission.safety.separation_m
+    result = json.loads(out)
+    assert result["ended"]["how"] == "operator"
+    left = [(each["vehicle"], each["cause"], each["back_at_s"] is not None) for each in result["departures"]]
+    assert left == [(2, "battery low", True)]
+    assert any("joins the others" in each["text"] for each in result["events"]), err.decode()
+    async with running("replay", str(log)) as replay:
+        out, err = await replay.communicate()
+        assert replay.returncode == 0, err.decode() + out.decode()
+        assert b"compared bit for bit" in out + err
+    [booked] = read_book([log], lambda _share: None, with_verdicts=False).flights
+    on_ground_s = swapped.rejoined_s - swapped.down_s
+    flown_s = {each.id: each.airborne_s or 0.0 for each in booked.vehicles}
+    assert flown_s[1] - flown_s[2] == pytest.approx(on_ground_s, abs=15.0), "its minutes are those of both flights"
+
+
+FOURTH = """
+
+[[vehicles]]
+id = 4
+url = "udpin://127.0.0.1:14543"
+endpoint = "tcp/127.0.0.1:7464"
+start_m = [0.0, -8.0]
+reserve = true
+"""
+IN_RESERVE = ("start_m = [0.0, -4.0]\n", f"start_m = [0.0, -4.0]\n{FOURTH}")
+
+
+@pytest.mark.long
+async def test_a_reserve_takes_over_before_a_battery_is_low(mission_file: Callable[..., str], tmp_path: Path) -> None:
+    """The relieved vehicle comes home once the other flies, so that the ring has never more members than before."""
+    path, log = mission_file("case2", *NEAR_TARGET, IN_RESERVE), tmp_path / "reserve.mcap"
+    async with (
+        team_of(path) as team,
+        asyncio.timeout(PATIENCE_S),
+        running("fly", path, "--log", str(log), "--json") as flight,
+    ):
+        tracks, flown = Tracks(team), [team.vehicles[i] for i in ALL]
+        recording = asyncio.create_task(tracks.record())
+        await until(lambda: all(each.armed for each in flown), waiting_for="take-offs")
+        with hurried(team.clock):
+            await team.clock.sleep(20.0 + SETTLING_S)
+            assert not team.vehicles[4].armed
+            code, said = await commanded(team, "command", "resume")
+            assert code == 0, said
+            low_s = team.clock.now_s()
+            flown[1].battery_fraction = 0.24
+            await until(lambda: team.vehicles[4].armed, 30.0, "the reserve's take-off", clock=team.clock)
+            await until(lambda: not flown[1].armed, 200.0, "the landing of vehicle 2", clock=team.clock)
+            await team.clock.sleep(10.0)
+        ends_s = team.clock.now_s()
+        for _ in range(2):
+            flight.send_signal(signal.SIGINT)
+            await team.clock.sleep(1.0)
+        with hurried(team.clock):
+            await until(lambda: not team.aloft, 200.0, "all landings", clock=team.clock)
+        recording.cancel()
+        out, err = await flight.communicate()
+    ring = RingTruth(team, log, tracks.samples)
+    before, after = ring.figures(ALL, low_s - 5.0, low_s), ring.figures((1, 3, 4), ends_s - 5.0, ends_s)
+    even_s = ring.even_after_s((1, 3, 4), low_s, ends_s)
+    print(f"MEASURED before: {before}\nafter: {after}\neven {even_s:.1f} s after the call")
+    assert after.radius_off_m < 0.3
+    assert after.spacing_off_deg < 3.0
+    assert tracks.least_m(until_s=ends_s) >= team.mission.safety.separation_m
+    result = json.loads(out)
+    assert result["departures"] == [], "it was sent home before its battery was low"
+    assert "is called from the reserve" in err.decode()
