@@ -9,7 +9,7 @@ from agents.control.plan import Plan, RingReport
 from agents.drops import Drops
 from agents.outputs import Outgoing
 from agents.ring.chooser import RingChooser
-from agents.safety.traffic import Traffic
+from agents.safety.traffic import KnownTraffic
 from agents.settings.config import AgentConfig
 from agents.situation.own_sensor import OwnSensors
 from agents.situation.situation import Situation
@@ -45,7 +45,7 @@ class StateBroadcast:
         team: Team,
         own_sensors: OwnSensors,
         chooser: RingChooser | None,
-        traffic: Traffic,
+        traffic: KnownTraffic,
     ) -> None:
         """Take the chooser of the ring in a mission of several, whose bids are sent with the states, and the traffic
         that the own autopilot receives, which is sent as well.

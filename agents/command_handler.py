@@ -48,17 +48,17 @@ class Circumstances(NamedTuple):
 
     `age_s` is the time since the command was sent [wall s], by the vehicle's clock: negative if dated ahead of it.
     `resume_refused` is why the vehicle must not resume, empty if it may; `ring_refused` why it cannot fly the commanded
-    ring, `place_refused` why it must not go to the commanded place, `rejoin_refused` why it must not take off again.
-    It `is_down` if it was armed and no longer is, and `follows` setpoints unless it takes off or was handed over.
-    `ring` is the number of the ring that it flies on, None off the rings. The flight `ends` once the operator has
-    stopped it; its mission `is_over` from the return on.
+    ring, `place_refused` why it must not go to the commanded place. It `is_down` if it was armed and no longer is, and
+    `follows` setpoints unless it takes off or was handed over. `rejoin_refused` is why it must not take off again,
+    empty if it may. `ring` is the number of the ring that it flies on, None off the rings. The flight `ends` once the
+    operator has stopped it; its mission `is_over` from the return on.
     """
 
     age_s: float = 0.0
     resume_refused: str = ""
     ring_refused: str = ""
-    place_refused: str = ""
     rejoin_refused: str = ""
+    place_refused: str = ""
     ring: int | None = None
     is_down: bool = False
     follows: bool = True

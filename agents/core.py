@@ -58,7 +58,7 @@ from agents.safety.fault_detector import FaultDetector, Faults
 from agents.safety.fence import Area
 from agents.safety.guard import Guard, Guarded, GuardStatus, Interventions
 from agents.safety.neighbours import NEAR_FOR_S, Neighbours
-from agents.safety.traffic import Traffic
+from agents.safety.traffic import KnownTraffic
 from agents.setpoint import STAYS, Altitude, FeedForward, SlewLimit, Yaw
 from agents.settings.config import AgentConfig
 from agents.situation.estimator import Estimator
@@ -88,12 +88,12 @@ _CHOOSES = (Tactic.STANDBY, Tactic.FORMATION, Tactic.ENCIRCLE, Tactic.TRANSIT)
 """The tactics in which a vehicle chooses among several rings."""
 _LEAVES = (Tactic.RETURN_AND_LAND, Tactic.LAND, Tactic.PILOT_OVERRIDE)
 """Those in which others may have its place; in the rest, such as hold, it keeps its bids."""
+_COMES_DOWN = {Tactic.RETURN_AND_LAND.value, Tactic.LAND.value}
 _KEEPS_ITS_PLACE = ("hold", "aside", "land", "return and land", "pilot override")
 """The tactics of peers where no other vehicle is sent."""
 _GO_MAX_M = 1000.0
 """A vehicle is sent no farther: a longer way is likely a slip."""
 _GOES_ON = ("start", "resume", "formation", "ring", "assign", "goto")
-_COMES_DOWN = {Tactic.RETURN_AND_LAND.value, Tactic.LAND.value}
 """With any other verb an operator takes the decision to resume."""
 
 
@@ -139,7 +139,7 @@ class VehicleCore:
         self._estimator = Estimator(config)
         self._own_sensors = OwnSensors(config)
         self._chooser = RingChooser(config) if len(config.rings) > 1 else None
-        self._traffic = Traffic(config)
+        self._traffic = KnownTraffic(config)
         self._broadcast = StateBroadcast(config, self._team, self._own_sensors, self._chooser, self._traffic)
         self._fault_detector = FaultDetector(config, self._estimator, self._own_sensors, self._team, clocks)
         self._vehicle = self._fault_detector.vehicle
@@ -519,7 +519,7 @@ class VehicleCore:
         self._failsafe.start(item.at_s)
 
     def _take_event(self, item: TacticEvent) -> None:
-        self._is_adopted = self._is_adopted or item.event is Event.ADOPT
+        self._is_adopted = self._is_adopted or item.event in (Event.ADOPT, Event.TAKE_OVER)
         self._ends = self._ends or item.event in (Event.HOLD, Event.ADOPT)
         self._is_over = self._is_over or item.event is Event.END
         self._failsafe.leave_to_operator()
@@ -623,7 +623,7 @@ class VehicleCore:
     def _take_state(self, state: MemberState) -> None:
         self._receive_sightings(state)
         self._team.receive(state)
-        self._traffic.hear(state.traffic)
+        self._traffic.hear(state.traffic or ())
         if state.shape is not None:
             self._reshape(Reshaping(state.shaped_s, state.shape))
         commanded = state.choice.commanded if state.choice is not None else [state.ring] if state.ring else []

@@ -9,11 +9,12 @@ from typing import ClassVar, Literal
 import msgspec
 
 Kind = Literal["tactic", "command", "failsafe", "guard", "ring"]
-GuardCause = Literal["separation", "fence", "no-fly zone", "keep out", "speed", "reach"]
+GuardCause = Literal["separation", "fence", "no-fly zone", "traffic", "keep out", "speed", "reach"]
 _GUARDED: Mapping[GuardCause, str] = {
     "separation": "evading",
     "fence": "kept inside the fence",
     "no-fly zone": "kept out of a no-fly zone",
+    "traffic": "kept clear of traffic",
     "keep out": "kept out of the target's zone",
     "speed": "slowed to the speed limit",
     "reach": "setpoint kept near the vehicle",

@@ -50,6 +50,8 @@ class Event(Enum):
     CHANGE_RING = "change ring"
     ADOPT = "adopt"
     """It is in the air already: it holds where it is, and comes home."""
+    TAKE_OVER = "take over"
+    """It is in the air already: it holds where it is, and flies its mission once it is resumed."""
 
     @classmethod
     def _missing_(cls, value: object) -> "Event | None":
@@ -67,6 +69,7 @@ _ROWS: tuple[tuple[Event, Tactic, tuple[Tactic, ...]], ...] = (
     (Event.STEP_ASIDE, Tactic.HOLD, (Tactic.EXCITE, Tactic.TRANSIT)),
     (Event.HOLD, Tactic.HOLD, (*_ON_PLAN, Tactic.RETURN_AND_LAND)),
     (Event.ADOPT, Tactic.HOLD, (Tactic.STANDBY,)),
+    (Event.TAKE_OVER, Tactic.HOLD, (Tactic.STANDBY,)),
     (Event.RESUME, Tactic.FORMATION, (Tactic.ASIDE, Tactic.HOLD, Tactic.PILOT_OVERRIDE)),
     # An identification flight: this event replaces start and resume.
     (Event.EXCITE, Tactic.EXCITE, (Tactic.STANDBY, Tactic.HOLD, Tactic.PILOT_OVERRIDE)),

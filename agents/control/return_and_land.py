@@ -117,7 +117,7 @@ class Homing:
         """Return the landing place with the shortest way from where the return begins; without ways, the nearest."""
         from_x, from_y = self._from_m.tolist()
         goals = self._config.landing_places_m
-        way = [] if self._way is None else self._way.routes.way_m((from_x, from_y), goals)
+        way = () if self._way is None else self._way.routes.way_m((from_x, from_y), goals)
         return min(goals, key=lambda goal: dist(goal, way[-1] if way else (from_x, from_y)))
 
     def _home_length_m(self) -> float:

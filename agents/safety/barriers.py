@@ -24,10 +24,11 @@ class Cause(IntEnum):
 
     SPEED = 0
     KEEP_OUT = 1
-    FENCE = 2
-    NO_FLY = 3
-    SEPARATION = 4
-    REACH = 5
+    TRAFFIC = 2
+    FENCE = 3
+    NO_FLY = 4
+    SEPARATION = 5
+    REACH = 6
 
     @property
     def words(self) -> GuardCause:
@@ -38,6 +39,7 @@ class Cause(IntEnum):
 _WORDS: Mapping[Cause, GuardCause] = {
     Cause.SPEED: "speed",
     Cause.KEEP_OUT: "keep out",
+    Cause.TRAFFIC: "traffic",
     Cause.FENCE: "fence",
     Cause.NO_FLY: "no-fly zone",
     Cause.SEPARATION: "separation",

@@ -213,7 +213,7 @@ class Guard:
         x, y, x_rate, y_rate = situation.acting_motion.tolist()
         place, velocity, rate = (x, y), (x_rate, y_rate), safety.barrier_rate_per_s
         demands = [apart(place, velocity, body, rate, Cause.SEPARATION) for body in bodies]
-        demands += [apart(place, velocity, each, rate, Cause.KEEP_OUT) for each in traffic]
+        demands += [apart(place, velocity, each, rate, Cause.TRAFFIC) for each in traffic]
         demands += slow(velocity, safety.speed_max_m_s, rate)
         if safety.keep_out_m > 0.0:
             own = situation.acting_target
@@ -339,7 +339,7 @@ BENT_M, BENT_FOR_S, STRAIGHT_AFTER_S = 0.5, 3.0, 1.0
 """An aim is bent if it is moved by so much; on the way it is shown after so long, and until so long after the end."""
 _ON_THE_WAY = (Tactic.FORMATION, Tactic.ENCIRCLE, Tactic.TRANSIT, Tactic.EXCITE, Tactic.RETURN_AND_LAND)
 """In these tactics vehicles pass each other: a short evasion belongs to them."""
-_EVASIONS = (Cause.SEPARATION, Cause.FENCE, Cause.NO_FLY, Cause.KEEP_OUT)
+_EVASIONS = (Cause.SEPARATION, Cause.FENCE, Cause.NO_FLY, Cause.TRAFFIC, Cause.KEEP_OUT)
 """What leads a vehicle elsewhere than planned; the other causes only slow it down."""
 
 

@@ -4,8 +4,8 @@ The newest report of an aircraft counts, for `AGED_S`. Vehicles of the team are 
 transmitters: an aircraft that is at a member's place when it is first heard is taken as that member.
 
 The guard keeps the horizontal distance `safety.traffic_distance_m` as from a body that neither evades nor publishes a
-plan: extrapolated at constant velocity. It does so on the level of the keep-out: own vehicles and the fence come first,
-and an aircraft that is not there, as anybody can transmit, leads no vehicle over the fence.
+plan: extrapolated at constant velocity. Own vehicles, no-fly zones and the fence come first: an aircraft that is not
+there, since anyone can transmit, leads no vehicle over them.
 """
 
 from collections.abc import Iterable, Sequence
@@ -25,7 +25,7 @@ _SHARED_S = 1.0
 """How often the traffic is sent to peers and operators."""
 
 
-class Traffic:
+class KnownTraffic:
     """The aircraft that one vehicle knows of; `received` are those that its own autopilot receives."""
 
     def __init__(self, config: AgentConfig) -> None:

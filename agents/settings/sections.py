@@ -207,6 +207,14 @@ class SafetySection(Settings):
     )
     altitude_min_m: float | None = Field(None, ge=-500.0, le=9000.0, description="least altitude above the origin")
     altitude_max_m: float | None = Field(None, ge=-500.0, le=9000.0, description="largest altitude above the origin")
+    elevation: str | None = Field(
+        None,
+        min_length=1,
+        description="SRTM file beside the mission, such as `N47E008.hgt`: heights are checked with it",
+    )
+    min_height_above_ground_m: float = Field(
+        3.0, ge=0.0, le=1000.0, description="with `elevation`: least height above ground"
+    )
     speed_max_m_s: float = Field(5.0, gt=0.0, le=30.0, description="largest speed")
     acceleration_max_m_s2: float = Field(4.0, gt=0.0, le=20.0, description="largest acceleration of an evasion")
     yaw_rate_max_deg_s: float = Field(45.0, gt=0.0, le=360.0, description="largest yaw rate")

@@ -177,6 +177,7 @@ class Agent:
         self.started = asyncio.Event()  # by an operator, if it waits on the ground; also set when its motors are cut
         self.rejoining = asyncio.Event()
         """Set while an operator's command to take off again awaits `fly_again` or `stay`; its flight has ended."""
+        self._adopting = Event.ADOPT
         self.in_reserve = False
         """Whether it stays on the ground in reserve, and has not flown."""
         self._begin()
@@ -295,6 +296,15 @@ class Agent:
         """
         self._start_agreement.with_only(together)
         return await self._live(LifeEvent.ADOPT, hold_s, stop)
+
+    async def take_over(self, together: Collection[int], duration_s: float, stop: Stop) -> Outcome:
+        """Take a vehicle that is in the air, hold it where it is, and fly the mission; ends and raises as `fly`.
+
+        The mission of the vehicles `together`, with this one, begins once all of them hold.
+        """
+        self._adopting = Event.TAKE_OVER
+        self._start_agreement.with_only(together)
+        return await self._live(LifeEvent.ADOPT, duration_s, stop)
 
     async def accompany(self, stop: Stop) -> Outcome:
         """Send the state of a vehicle that its pilot flies to the peers, which keep apart from it, until `stop`."""
@@ -531,7 +541,7 @@ class Agent:
         self._took_off = True
         self._activities.start(ActivityKind.OPERATOR, self._watch_operator)
         self._loop.tick_only()  # it gives the core the time and the autopilot's status
-        self._core.take(TacticEvent(Event.ADOPT))
+        self._core.take(TacticEvent(self._adopting))
 
     def _start_control(self) -> None:
         self._flew = True
@@ -548,6 +558,8 @@ class Agent:
         assert start_s is not None
         self._loop.sensor = self._parts.make_sensor(start_s)
         self._core.take(Start(start_s))
+        if self._adopting is Event.TAKE_OVER and self._phase is Phase.FLYING:
+            self._core.take(TacticEvent(Event.RESUME))
         self._reporter.start_mission(start_s, self._duration_s)
         self._activities.start(ActivityKind.START, lambda: self._fly_duration(start_s))
 

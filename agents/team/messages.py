@@ -44,7 +44,7 @@ BIDS_LIMIT = 2500
 RingNumber = Annotated[int, msgspec.Meta(ge=0, lt=RINGS_MAX)]
 TARGETS_MAX = 8
 TRAFFIC_MAX = 8
-"""The largest number of aircraft that an autopilot's receiver is listened to for: the nearest ones."""
+"""The largest number of aircraft that are taken from one autopilot's receiver: the nearest ones."""
 DID_LIMIT = ENDED_LIMIT = START_BLOCKERS_LIMIT = 120
 CONDITIONS_LIMIT = 16
 LINK_SILENT_S = 0.8
@@ -268,7 +268,7 @@ class MemberState(msgspec.Struct, frozen=True, array_like=True):
     sightings: tuple[TargetPackage, ...] = ()
     ring: Annotated[CommandedRing | None, Added(1)] = None
     choice: Annotated[RingChoice | None, Added(2)] = None
-    traffic: Annotated[tuple[Aircraft, ...], msgspec.Meta(max_length=TRAFFIC_MAX), Added(3)] = ()
+    traffic: Annotated[Annotated[tuple[Aircraft, ...], msgspec.Meta(max_length=TRAFFIC_MAX)] | None, Added(3)] = None
 
 
 class MissionIdentity(msgspec.Struct, frozen=True, array_like=True):

@@ -76,8 +76,8 @@ _RESIZES = "change radius, rate (clockwise if negative), altitude and tilt"
 AUTO = "auto"
 """Stands for no ring where a vehicle is assigned: it chooses by itself."""
 _ASSIGNS = "send a vehicle to one of several rings, or let it choose (auto)"
-_GOES = "send a vehicle to a place, where it holds, or lands (land)"
 _JOINS, _TAKES_OFF = "take off and rejoin the mission with", "take off again and join the others"
+_GOES = "send a vehicle to a place, where it holds, or lands (land)"
 _CUT, _FALL = "cut the motors of", "cut the motors; the vehicles fall"
 _ROWS = (
     VerbRow("start", "start", did="takes off", needs_mission=True),

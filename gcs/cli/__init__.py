@@ -17,7 +17,7 @@ from gcs.cli.options import with_stubs
 from gcs.errors import Exit, InputError
 
 GROUPS = {
-    "Plan": ("missions", "new", "zones", "schema", "sim", "sweep", "check"),
+    "Plan": ("missions", "new", "zones", "tiles", "schema", "sim", "sweep", "check"),
     "Fly": ("fly", "start", "sitl", "recover", "drill", "excite", "relay", "router"),
     "Operate": ("watch", "station", "command", "rejoin", "target", "ros2", "cot", "keys"),
     "Analyse": ("report", "replay", "identify", "log", "flights"),

@@ -16,6 +16,7 @@ from gcs.cli.options import (
     Duration,
     FigureNumber,
     Json,
+    Leave,
     Log,
     MissionName,
     Plot,
@@ -24,8 +25,12 @@ from gcs.cli.options import (
     Station,
     StationAddress,
     StationTiles,
+    TakeFromPilot,
+    TakeWithoutAsking,
     bus_mission,
     chosen_vehicle,
+    require_answer,
+    require_known,
     require_station,
     stub_ids,
 )
@@ -68,6 +73,16 @@ class FlyOptions:
         ),
     ] = ()
     only: Annotated[int | None, Parameter(help="Run the agent of this vehicle only; the others run elsewhere.")] = None
+    adopt: Annotated[
+        bool,
+        Parameter(
+            negative="",
+            help="Take vehicles that are in the air already, as `cordon recover` does, and fly the mission with them.",
+        ),
+    ] = False
+    take_from_pilot: TakeFromPilot = ()
+    leave: Leave = ()
+    yes: TakeWithoutAsking = False
     duration: Duration = None
     wait: Annotated[
         float,
@@ -126,11 +141,16 @@ def fly(options: FlyOptions) -> int:
     flies as fast as the computer can. With --sitl 2,3 these vehicles are stubs and the others are at their urls; all
     fly at the wall clock's speed, or at --speed.
 
+    With --adopt cordon shows what it finds, and asks once. The vehicles in the air hold where they are; once all do,
+    the mission begins with them, from their places. Those on the ground stay there.
+
     Example: cordon fly case2 --sitl --speed 10 --plot flight.png
 
     Example: cordon fly mixed-team --sitl --station --fault link-cut@60:2
 
     Example: cordon fly px4-trio --wait 120
+
+    Example: cordon fly px4-trio --adopt
     """
     from gcs.flight.supervisor import is_supervised, supervise
 
@@ -140,10 +160,29 @@ def fly(options: FlyOptions) -> int:
     for option, given in (("--live-address", options.live_address), ("--live-origin", options.live_origin)):
         if given and not options.live:
             raise InputError([f"{option}: it needs --live"])
+    _check_adoption(options)
     require_station(options.station, options.station_address, options.station_tiles)
     if is_supervised():
         return _fly(options)
     return _supervise_with_station(options) if options.station else supervise(json=options.json)
+
+
+def _check_adoption(options: FlyOptions) -> None:
+    """Raise InputError for options that do not go with --adopt, or need it."""
+    if options.adopt:
+        others = {
+            "--sitl": options.sitl is not None,
+            "--only": options.only is not None,
+            "--wait-for-start": options.wait_for_start,
+            "--bench": options.bench,
+        }
+        if faults := [f"--adopt: not with {option}" for option, given in others.items() if given]:
+            raise InputError(faults)
+        require_answer(yes=options.yes)
+    else:
+        needing = {"--take-from-pilot": options.take_from_pilot, "--leave": options.leave, "--yes": options.yes}
+        if faults := [f"{option}: it needs --adopt" for option, given in needing.items() if given]:
+            raise InputError(faults)
 
 
 def _supervise_with_station(options: FlyOptions) -> int:
@@ -195,6 +234,7 @@ def _ask_for_propellers() -> bool:
 
 def _fly(options: FlyOptions) -> Exit:
     from gcs.cli.output import check_plot, present
+    from gcs.flight.plan import TeamRecovery
     from gcs.flight.recording import RecordingOptions
     from gcs.flight.request import FlightRequest
     from gcs.flight.run import run_flight
@@ -203,6 +243,8 @@ def _fly(options: FlyOptions) -> Exit:
     mission = bus_mission(options.mission, options.changes)
     if options.only is not None:
         chosen_vehicle(mission, options.only, "--only")
+    require_known(mission, options.take_from_pilot, options.leave)
+    recovery = TeamRecovery(options.take_from_pilot, options.yes, flies_on=True) if options.adopt else None
     request = FlightRequest(
         mission=mission,
         stubs=() if options.sitl is None else stub_ids(options.sitl, mission),
@@ -216,6 +258,8 @@ def _fly(options: FlyOptions) -> Exit:
         allow_plugins=options.allow_plugins,
         checklist_done=options.checklist_done or "",
         weather=options.weather or "",
+        recovery=recovery,
+        left=options.leave,
     )
     live_address = (options.live_address or _LIVE_ADDRESS) if options.live else None
     recording = RecordingOptions(options.log, options.recorded, options.only, live_address, options.live_origin)

@@ -1,6 +1,7 @@
 """Options that several verbs share, and functions that resolve their values. Light: `--help` imports this file."""
 
 import re
+import sys
 from collections.abc import Sequence
 from contextlib import suppress
 from math import inf, nan
@@ -159,6 +160,21 @@ def stub_ids(given: str, mission: "Mission") -> tuple[int, ...]:
 
 
 STATION_ADDRESS = "127.0.0.1:8766"
+TakeFromPilot = Annotated[
+    tuple[int, ...],
+    Parameter(
+        negative="",
+        show_default=False,
+        help="Take this vehicle although its flight mode is one that a pilot steers in; may be repeated.",
+    ),
+]
+Leave = Annotated[
+    tuple[int, ...],
+    Parameter(negative="", show_default=False, help="Leave this vehicle as it is; may be repeated."),
+]
+TakeWithoutAsking = Annotated[
+    bool, Parameter(negative="", help="Take vehicles that are in the air without asking for confirmation.")
+]
 Station = Annotated[
     bool,
     Parameter(
@@ -209,6 +225,21 @@ def bus_mission(name: str, changes: Sequence[str] = ()) -> "Mission":
     if mission.network.security is not None and mission.network.security.insecure:
         print_line(f"warning: {INSECURE}", "yellow")
     return mission
+
+
+def require_answer(*, yes: bool) -> None:
+    """Raise InputError where vehicles in the air are to be taken and there is no terminal to ask on."""
+    if not (yes or (sys.stdin.isatty() and sys.stderr.isatty())):
+        raise InputError(["--yes: there is no terminal to ask for confirmation; give --yes to confirm"])
+
+
+def require_known(mission: "Mission", from_pilot: Sequence[int], left: Sequence[int]) -> None:
+    """Raise InputError for vehicles of --take-from-pilot and --leave that are not the mission's, or are in both."""
+    for option, ids in (("--take-from-pilot", from_pilot), ("--leave", left)):
+        for each in ids:
+            chosen_vehicle(mission, each, option)
+    if both := {*left} & {*from_pilot}:
+        raise InputError([f"--leave: vehicle {each} is also given by --take-from-pilot" for each in sorted(both)])
 
 
 def chosen_vehicle(mission: "Mission", vehicle_id: int, option: str) -> "MissionVehicle":

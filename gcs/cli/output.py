@@ -100,6 +100,13 @@ class FolderProgress(_ProgressBar):
         super().__init__(f"{folder}: {logs} logs", "{task.percentage:.0f} % read", 1.0, _PROGRESS_STEP_SHARE)
 
 
+class TilesProgress(_ProgressBar):
+    """How many of an area's tiles are stored, or not there."""
+
+    def __init__(self, path: Path, tiles: int) -> None:
+        super().__init__(path.name, "{task.completed:.0f} of {task.total:.0f} tiles", tiles, 1)
+
+
 class AnimationProgress(_ProgressBar):
     """How much of an animation is drawn, as a share."""
 

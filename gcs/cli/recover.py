@@ -1,12 +1,23 @@
 """`cordon recover`: vehicles that are in the air come home."""
 
-import sys
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter
 
-from gcs.cli.options import Changes, Log, MissionName, Recorded, Speed, bus_mission, chosen_vehicle
+from gcs.cli.options import (
+    Changes,
+    Leave,
+    Log,
+    MissionName,
+    Recorded,
+    Speed,
+    TakeFromPilot,
+    TakeWithoutAsking,
+    bus_mission,
+    require_answer,
+    require_known,
+)
 from gcs.errors import Exit, InputError
 from gcs.signals import hold_back
 
@@ -25,19 +36,9 @@ class RecoveryOptions:
     land: Annotated[bool, Parameter(negative="", help="Land each vehicle where it is, instead of at its start_m.")] = (
         False
     )
-    take_from_pilot: Annotated[
-        tuple[int, ...],
-        Parameter(
-            negative="",
-            show_default=False,
-            help="Take this vehicle although its flight mode is one that a pilot steers in; may be repeated.",
-        ),
-    ] = ()
-    leave: Annotated[
-        tuple[int, ...],
-        Parameter(negative="", show_default=False, help="Leave this vehicle as it is; may be repeated."),
-    ] = ()
-    yes: Annotated[bool, Parameter(negative="", help="Take the vehicles without asking for confirmation.")] = False
+    take_from_pilot: TakeFromPilot = ()
+    leave: Leave = ()
+    yes: TakeWithoutAsking = False
     speed: Speed = None
     log: Log = None
     recorded: Recorded = True
@@ -60,8 +61,7 @@ def recover(options: RecoveryOptions) -> int:
     from gcs.flight.supervisor import is_supervised, supervise
 
     hold_back()
-    if not (options.yes or (sys.stdin.isatty() and sys.stderr.isatty())):
-        raise InputError(["--yes: there is no terminal to ask for confirmation; give --yes to confirm"])
+    require_answer(yes=options.yes)
     return _recover(options) if is_supervised() else supervise()
 
 
@@ -91,11 +91,7 @@ def _plan(options: RecoveryOptions) -> "FlightPlan":
     from gcs.flight.stubs import lockstep_clock
 
     file = bus_mission(options.mission, options.changes)
-    for option, ids in (("--take-from-pilot", options.take_from_pilot), ("--leave", options.leave)):
-        for each in ids:
-            chosen_vehicle(file, each, option)
-    if both := {*options.leave} & {*options.take_from_pilot}:
-        raise InputError([f"--leave: vehicle {each} is also given by --take-from-pilot" for each in sorted(both)])
+    require_known(file, options.take_from_pilot, options.leave)
     mission, told = homeward(file, land=options.land)
     if told:
         print_line(told, "yellow")

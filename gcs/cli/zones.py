@@ -66,7 +66,10 @@ def import_zones(
     from gcs.zones.reading import read_drawing
     from gcs.zones.tables import tables_text
 
-    _check_out(options)
+    if options.out is not None:
+        if options.mission is None:
+            raise InputError(["--out: it needs --mission, which the zones are written into"])
+        _check_new(options.out, ".toml")
     drawing = read_drawing(file)
     frame = own_frame(drawing) if options.mission is None else _frame(loaded_mission(options.mission), options.mission)
     layout = laid_out(drawing, frame, options.fence)
@@ -88,61 +91,50 @@ def import_zones(
 @Parameter(name="*")
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PlanOptions:
-    """Options of `cordon zones export`, without mission and file."""
+    """Options of `cordon zones export`, without the mission."""
 
+    out: Annotated[
+        Path,
+        Parameter(validator=only_file, group=RESULT, help="The .plan file to write, which must not exist yet."),
+    ]
     vehicle: Annotated[
         int | None,
         Parameter(help="The plan for this vehicle: its own fence, if it has one, and its spots at the rally points."),
     ] = None
 
 
-_EXPORT_DEFAULTS = PlanOptions()
-
-
 @zones.command(name="export")
-def export_zones(
-    mission: MissionName,
-    file: Annotated[Path, Parameter(validator=only_file, help="The .plan file to write, which must not exist yet.")],
-    /,
-    *,
-    options: PlanOptions = _EXPORT_DEFAULTS,
-) -> Exit:
+def export_zones(mission: MissionName, /, *, options: PlanOptions) -> Exit:
     """Write a mission's fence, no-fly zones and rally points as a plan, for QGroundControl to upload to the autopilots.
 
-    Example: cordon zones export my.toml my.plan
+    Example: cordon zones export my.toml --out my.plan
     """
-    from gcs.cli.output import check_file, writing
+    from gcs.cli.output import writing
     from gcs.console.terminal import print_line
     from gcs.keys.private_files import create
     from gcs.zones.plan_file import plan_text
 
+    _check_new(options.out, ".plan")
     flown = loaded_mission(mission)
     vehicle = None if options.vehicle is None else chosen_vehicle(flown, options.vehicle, "--vehicle")
     _frame(flown, mission)
-    check_file("FILE", file, (".plan",))
-    if file.exists():
-        raise InputError([f"FILE: {str(file)!r} exists already, and is not overwritten; name another"])
-    with writing("FILE", file), create(file, "xb") as written:
-        written.write(plan_text(flown, vehicle).encode())
+    with writing("--out", options.out), create(options.out, "xb") as file:
+        file.write(plan_text(flown, vehicle).encode())
     if limited := [zone.name for zone in flown.safety.no_fly if zone.floor_m is not None or zone.ceiling_m is not None]:
         print_line(f"a plan has no heights: {', '.join(limited)} closed from the ground up", "yellow")
     if flown.safety.rally and vehicle is None:
         print_line("without rally points: each vehicle has its own spots there; next: --vehicle ID", "yellow")
-    print_line(f"written: {file}; next: open it in QGroundControl, and upload it to each vehicle")
+    print_line(f"written: {options.out}; next: open it in QGroundControl, and upload it to each vehicle")
     return Exit.HOLDS
 
 
-def _check_out(options: ImportOptions) -> None:
-    """Refuse a mission that cannot be written, before anything is read; raises InputError."""
+def _check_new(path: Path, suffix: str) -> None:
+    """Refuse a file that cannot be written or exists, before anything is read; raises InputError."""
     from gcs.cli.output import check_file
 
-    if options.out is None:
-        return
-    if options.mission is None:
-        raise InputError(["--out: it needs --mission, which the zones are written into"])
-    check_file("--out", options.out, (".toml",))
-    if options.out.exists():
-        raise InputError([f"--out: {str(options.out)!r} exists already, and is not overwritten; name another"])
+    check_file("--out", path, (suffix,))
+    if path.exists():
+        raise InputError([f"--out: {str(path)!r} exists already, and is not overwritten; name another"])
 
 
 def _frame(mission: "Mission", name: str) -> "MissionFrame":

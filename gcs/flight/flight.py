@@ -3,7 +3,7 @@
 import asyncio
 import gc
 import os
-from collections.abc import Callable, Coroutine, Iterator, Sequence
+from collections.abc import Callable, Collection, Coroutine, Iterator, Sequence
 from contextlib import AsyncExitStack, ExitStack, contextmanager, suppress
 from dataclasses import dataclass, replace
 from time import perf_counter
@@ -34,7 +34,7 @@ from gcs.flight.preparation import ChecklistWait, Readiness, StartWait
 from gcs.flight.recovery import LEFT_TO_PILOT, prepare_recovery
 from gcs.flight.stubs import FlightStubs, clock_refusal, preparing_speed, url_ports
 from gcs.flight.target_vehicle import TargetVehicle
-from gcs.flight.team import FlightTeam
+from gcs.flight.team import FlightTeam, Member
 from gcs.flight.watch import FindingsReport, Watch
 from gcs.flightlog.flight import Recording
 from gcs.keys.identity import Identity, user_name
@@ -368,15 +368,23 @@ async def _report_positions(team: FlightTeam, supervisor: SupervisorLink) -> Non
         await asyncio.sleep(_POSITIONS_EVERY_S)
 
 
+def _taken(team: FlightTeam, member: Member, together: Collection[int]) -> Coroutine[None, None, Outcome]:
+    """Return the flight of a vehicle that is taken in the air: home, or on with the mission."""
+    flies_on = team.plan.recovery is not None and team.plan.recovery.flies_on
+    fly = member.agent.take_over if flies_on else member.agent.recover
+    return fly(together, team.plan.duration_s, team.stop)
+
+
 async def _recover_team(team: FlightTeam) -> Sequence[Outcome]:
-    """Bring home all but the vehicles that their pilots fly, whose states the others receive until they are down."""
+    """Bring home, or fly on with, all but the vehicles that their pilots fly.
+
+    The others receive the states of these until they are down.
+    """
     taken = [each for each in team.members if each.vehicle.id not in team.accompanied]
     together, landed = [each.vehicle.id for each in taken], Stop()
     flights = {
         each.vehicle.id: asyncio.create_task(
-            begun(team, each, each.agent.recover(together, team.plan.duration_s, team.stop))
-            if each in taken
-            else each.agent.accompany(landed)
+            begun(team, each, _taken(team, each, together)) if each in taken else each.agent.accompany(landed)
         )
         for each in team.members
     }

@@ -72,6 +72,7 @@ class MemberFlights:
                     team.view.print_line(f"vehicle {member.vehicle.id} stays in reserve: {refusal}", "warning")
                 agent.stay(refusal)
                 continue
+            self._reserves.note_again(member.vehicle.id)
             again = await flown(team, member, agent.fly_again(team.plan.duration_s, team.stop))
             self._reserves.note_end(member.vehicle.id, again)
             outcome = replace(again, flew=outcome.flew or again.flew)
@@ -151,7 +152,7 @@ class MemberFlights:
         return ""
 
     def _paths_m(self, vehicle_id: int, for_s: float) -> dict[int, list[tuple[float, float]]]:
-        """Return where the vehicles in the air, other than this one, will be in the next time, straight on."""
+        """Return where the other vehicles in the air will be: straight on, except those on the ring."""
         moving = {
             peer.sender: (*peer.position_m[:2], *peer.velocity_m_s[:2])
             for status in self._team.newest.values()
@@ -160,7 +161,10 @@ class MemberFlights:
         for each in self._team.members:
             moving.pop(each.vehicle.id, None)
             if each.link.status.armed and (motion := each.link.motion) is not None:
-                moving[each.vehicle.id] = (*motion.position_m[:2], *motion.velocity_m_s[:2])
+                status = self._team.newest.get(each.vehicle.id)
+                turns = status is not None and status.tactic is Tactic.ENCIRCLE  # it stays on its ring
+                velocity_m_s = (0.0, 0.0) if turns else motion.velocity_m_s[:2]
+                moving[each.vehicle.id] = (*motion.position_m[:2], *velocity_m_s)
         moving.pop(vehicle_id, None)
         steps = [for_s * k / 20.0 for k in range(21)]
         return {i: [(x + vx * s, y + vy * s) for s in steps] for i, (x, y, vx, vy) in moving.items()}

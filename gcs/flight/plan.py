@@ -26,7 +26,7 @@ from sitl.server.shared_clock import ClockName
 
 @dataclass(frozen=True, slots=True)
 class TeamRecovery:
-    """How vehicles that are in the air are brought home.
+    """How vehicles that are in the air are brought home, or with `flies_on` flown on with the mission.
 
     Those `from_pilot` are taken also if a pilot may fly them. Unless it is `confirmed` already, the operator is asked
     on the terminal; until then vehicles are sent nothing but requests for reports.
@@ -34,6 +34,7 @@ class TeamRecovery:
 
     from_pilot: tuple[int, ...] = ()
     confirmed: bool = False
+    flies_on: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,7 +71,7 @@ class FlightPlan:
 
     def __post_init__(self) -> None:
         """Raise InputError for a mission with a planner of its own that was not loaded; the way home is cordon's."""
-        if self.recovery is None:
+        if self.recovery is None or self.recovery.flies_on:
             require_loaded(self.mission, self.planner, "this flight")
 
     def source(self, speed: float) -> str:

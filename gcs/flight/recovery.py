@@ -20,6 +20,7 @@ from gcs.metrics.ending import named
 from gcs.mission.cross_checks import LAYER_LEAST_M
 from gcs.mission.mission import Mission
 from gcs.preflight.findings import Grade, VehicleFacts
+from gcs.preflight.mission import feasibility
 from gcs.preflight.recovery import Standing, Treatment, standings
 
 HOLDS_S = 3.0
@@ -71,10 +72,12 @@ async def prepare_recovery(team: FlightTeam, recovery: TeamRecovery, report: Fin
         *(VehicleFacts(vehicle_id=i, unreachable=(each.clause, each.next_step)) for i, each in unreachable.items()),
     ]
     missing = [i for i, each in unreachable.items() if isinstance(each, NotReceivedError)]
+    if recovery.flies_on:
+        _require_feasible(mission, report)
     judged = standings(mission, facts, missing, recovery.from_pilot)
     report([each.finding for each in judged])
     _require_takeable(judged)
-    if not (recovery.confirmed or await _confirmed(team.view, _question(mission, judged))):
+    if not (recovery.confirmed or await _confirmed(team.view, _question(mission, judged, recovery))):
         raise VehicleRefusedError("not confirmed: nothing was sent to the vehicles", "")
     treatments = _as_they_are_now(team, judged, facts, recovery)
     await team.leave({i for i, each in treatments.items() if each is Treatment.LEAVE})
@@ -97,8 +100,19 @@ def _require_takeable(judged: Sequence[Standing]) -> None:
         raise VehicleRefusedError("no vehicle is in the air that could be brought home: nothing was sent to one", "")
 
 
-def _question(mission: Mission, judged: Sequence[Standing]) -> str:
+def _require_feasible(mission: Mission, report: FindingsReport) -> None:
+    findings = list(feasibility(mission))
+    if any(each.grade is Grade.REFUSE for each in findings):
+        report(findings)
+        raise VehicleRefusedError(
+            "nothing was sent to the vehicles: the mission cannot be flown", "see the findings above"
+        )
+
+
+def _question(mission: Mission, judged: Sequence[Standing], recovery: TeamRecovery) -> str:
     taken = named(sorted(each.vehicle_id for each in judged if each.treatment is Treatment.TAKE))
+    if recovery.flies_on:
+        return f"Take {taken} of {mission.mission.name}, hold, and fly the mission from its begin?"
     if mission.choreography.landing == "return":
         return f"Take {taken} of {mission.mission.name}, hold, return and land one after another?"
     return f"Take {taken} of {mission.mission.name}, hold, and land where they are?"

@@ -8,9 +8,9 @@ from agents.team.text import printable
 from gcs.checklist import Checklist
 from gcs.errors import InputError
 from gcs.flight.faults.schedule import scheduled_faults
-from gcs.flight.plan import FlightPlan
+from gcs.flight.plan import FlightPlan, TeamRecovery
 from gcs.flight.stubs import lockstep_clock
-from gcs.mission.mission import Mission
+from gcs.mission.mission import Mission, MissionVehicle
 from gcs.mission.planner import planner_of
 
 WEATHER_MAX = 200
@@ -26,7 +26,8 @@ class FlightRequest:
     `wait_s` [wall s] limits the wait for vehicles that are not ready; with `awaits_start` they wait for an operator's
     start. On the `bench`, boards in hardware-in-the-loop simulation fly. The mission's planner is imported only if
     `allow_plugins`. Who has done the mission's checklist may be named by `checklist_done`; else its items are ticked on
-    the operator's page. `weather` is what people note about it.
+    the operator's page. `weather` is what people note about it. With a `recovery` the vehicles that are
+    in the air are taken, except those `left`, without the checklist.
     """
 
     mission: Mission
@@ -41,6 +42,8 @@ class FlightRequest:
     allow_plugins: bool = False
     checklist_done: str = ""
     weather: str = ""
+    recovery: TeamRecovery | None = None
+    left: tuple[int, ...] = ()
 
     def plan(self) -> FlightPlan:
         """Return the plan; raises InputError, whose faults name options of `cordon fly`."""
@@ -58,7 +61,7 @@ class FlightRequest:
         return FlightPlan(
             mission,
             duration_s,
-            mission.vehicles if self.only is None else (mission.vehicle(self.only),),
+            self._vehicles(),
             self.speed or (1.0 if stubs else None),
             stubs,
             wait_s=self.wait_s,
@@ -69,6 +72,7 @@ class FlightRequest:
             planner=planner_of(mission, allowed=self.allow_plugins),
             checklist=self._checklist(),
             weather=printable(self.weather)[:WEATHER_MAX],
+            recovery=self.recovery,
         )
 
     def _checklist(self) -> Checklist | None:
@@ -77,12 +81,20 @@ class FlightRequest:
         if self.checklist_done and (not items or self.awaits_start):
             where = "`cordon start` takes it" if items else "the mission has no [[checklist]]"
             raise InputError([f"--checklist-done: {where}"])
-        if not items or self.awaits_start:
+        if not items or self.awaits_start or self.recovery is not None:
             return None
         checklist = Checklist(self.mission.network.team, items)
         if self.checklist_done:
             checklist.tick_all(name_from(self.checklist_done))
         return checklist
+
+    def _vehicles(self) -> tuple[MissionVehicle, ...]:
+        if self.only is not None:
+            return (self.mission.vehicle(self.only),)
+        vehicles = tuple(each for each in self.mission.vehicles if each.id not in self.left)
+        if not vehicles:
+            raise InputError(["--leave: no vehicle of the mission is left to take"])
+        return vehicles
 
 
 def require_governed(speed: float | None, *, only_stubs: bool, advice: str) -> None:

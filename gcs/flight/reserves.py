@@ -55,6 +55,12 @@ class Reserves:
         if outcome.how in _LOST:
             self._lost.add(vehicle_id)
 
+    def note_again(self, vehicle_id: int) -> None:
+        """Take that a vehicle flies again, after its flight had ended or from the reserve."""
+        self._lost.discard(vehicle_id)
+        self._relief.pop(vehicle_id, None)
+        self._full.pop(vehicle_id, None)
+
     async def run(self) -> None:
         """Look at the team until cancelled."""
         while self._waiting:

@@ -123,5 +123,5 @@ def _address(fields: Fields) -> str:
 
 def _text(field: Any) -> str:
     """Return a text of a message: of its characters, or of their codes."""
-    text = field if isinstance(field, str) else bytes(field).decode("ascii", "replace")
-    return printable(text.partition("\0")[0]).strip()[:LABEL_MAX]
+    name = field if isinstance(field, str) else bytes(field).decode("ascii", "replace")
+    return printable(name.partition("\0")[0]).strip()[:LABEL_MAX]

@@ -49,9 +49,10 @@ def identified(mission: Mission) -> Mission:
 def _digest(mission: Mission) -> str:
     """Return 16 hexadecimal digits of the digest of sections, vehicles and profiles, without their file paths."""
     sections = {name: getattr(mission, name).model_dump(mode="json") for name in _SECTIONS}
-    for key in ("no_fly", "rally"):  # later keys, only where they are used
-        if not getattr(mission.safety, key):
-            sections["safety"].pop(key)
+    later = ("no_fly", "rally", "elevation")  # keys that count only where they are used
+    unused = [key for key in later if not getattr(mission.safety, key)]
+    for key in unused + ["min_height_above_ground_m"] * ("elevation" in unused):
+        sections["safety"].pop(key)
     sections["target"] = _comparable(mission.target)
     if not mission.safety.traffic_distance_m:
         for key in ("traffic_distance_m", "traffic_height_m"):

@@ -20,6 +20,7 @@ from gcs.preflight.keys import KeyFacts, keys
 from gcs.preflight.mission import autopilot_limits, feasibility, link_budget, losses
 from gcs.preflight.parameters import estimator, failsafes, fence, fence_areas, kinds, profile, station
 from gcs.preflight.senders import senders
+from gcs.preflight.terrain import terrain
 from gcs.preflight.vehicle import (
     at_rest,
     battery,
@@ -89,6 +90,7 @@ def preflight(
         *away,
         *feasibility(mission, stubs=stubs),
         *link_budget(mission, team),
+        *terrain(mission),
         *kinds(team, bench=bench),
         *together(mission, team),
         *(() if clock is None else (clock_setting(clock),)),

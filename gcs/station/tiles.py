@@ -68,7 +68,7 @@ class MapTiles:
     def covers_origin(self) -> bool:
         """Whether a tile of any level lies at the mission's origin."""
         levels = range(self.picture.level_min, self.picture.level_max + 1)
-        return any(self.tile(level, *_place(level, *self.origin_deg)) is not None for level in levels)
+        return any(self.tile(level, *tile_at(level, *self.origin_deg)) is not None for level in levels)
 
 
 def opened_tiles(path: Path, origin_deg: Pair | None) -> MapTiles:
@@ -105,7 +105,7 @@ def _from_folder(folder: Path, level: int, column: int, row: int) -> TileImage |
                 S_ISREG(os.fstat(file.fileno()).st_mode)
                 and len(data := file.read(TILE_MAX_BYTES + 1)) <= TILE_MAX_BYTES
             ):
-                return _image(data)
+                return image_of(data)
     return None
 
 
@@ -131,7 +131,7 @@ def _mbtiles(path: Path) -> tuple[TilesPicture, TileReader]:
     for level in (level_min, level_max):
         if not (isinstance(level, int) and 0 <= level <= LEVEL_MAX):
             raise InputError([f"map tiles {path}: zoom level {level!r} is not one of 0 to {LEVEL_MAX}"])
-    if _image(first) is None:
+    if image_of(first) is None:
         kind = metadata.get("format", "unknown")[:_SOURCE_CHARACTERS_MAX]
         raise InputError([f"map tiles {path}: its tiles, of format {kind!r}, are not PNG, JPEG or WebP images"])
     source = _plain(metadata.get("attribution") or metadata.get("name", ""))
@@ -152,7 +152,7 @@ def _require_stored(path: Path, database: sqlite3.Connection, table: str) -> Non
 def _from_mbtiles(path: Path, level: int, column: int, row: int) -> TileImage | None:
     with suppress(sqlite3.Error), closing(_connection(path)) as database:
         found = database.execute(_ONE, (level, column, 2**level - 1 - row)).fetchone()
-        return None if found is None else _image(found[0])
+        return None if found is None else image_of(found[0])
     return None
 
 
@@ -172,7 +172,7 @@ def _connection(path: Path) -> sqlite3.Connection:
     return database
 
 
-def _image(data: bytes | None) -> TileImage | None:
+def image_of(data: bytes | None) -> TileImage | None:
     """Return an image with the media type of its first bytes; None if it is not PNG, JPEG or WebP."""
     if data is None:
         return None
@@ -188,7 +188,7 @@ def _plain(text: str) -> str:
     return " ".join(unescape(re.sub(r"<[^>]*>", "", text[:_SOURCE_CHARACTERS_MAX])).split())
 
 
-def _place(level: int, latitude_deg: float, longitude_deg: float) -> tuple[int, int]:
+def tile_at(level: int, latitude_deg: float, longitude_deg: float) -> tuple[int, int]:
     """Return the column and the row of the tile in which a place lies."""
     column = (longitude_deg + 180.0) / 360.0
     row = (1.0 - asinh(tan(radians(latitude_deg))) / pi) / 2.0

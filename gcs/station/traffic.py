@@ -15,7 +15,7 @@ class SeenTraffic:
 
     def take(self, state: MemberState, now_s: float) -> None:
         """Take what a vehicle receives, at a time on the monotonic clock [s]."""
-        for each in state.traffic:
+        for each in state.traffic or ():
             heard_s = now_s - max(state.time_s - each.time_s, 0.0)
             before_s = self._heard[each.label][0] if each.label in self._heard else None
             if (before_s is None and len(self._heard) < _KNOWN_MAX) or (before_s is not None and heard_s >= before_s):

@@ -44,7 +44,7 @@ class Draw:
         why = "battery low" if not self.verb else self.verb
         return (
             f"seed {self.seed}: vehicle {self.vehicle} after {self.after_s:.0f} s ({why}): even again "
-            f"{self.even_after_s:.1f} s after the command, least distance {self.least_m:.2f} m"
+            f"{self.even_after_s:.1f} s after its take-off, least distance {self.least_m:.2f} m"
         )
 
     @property
@@ -80,7 +80,7 @@ async def drawn(seed: int, folder: Path) -> Draw:
         recording.cancel()
         await flight.communicate()
         separation_m = team.mission.safety.separation_m
-    even_s = RingTruth(team, log, tracks.samples).even_after_s(team.mission.ids, swapped.rejoined_s, ends_s)
+    even_s = RingTruth(team, log, tracks.samples).even_after_s(team.mission.ids, swapped.armed_s, ends_s)
     return Draw(seed, vehicle, after_s, verb, tracks.least_m(until_s=ends_s), separation_m, even_s)
 
 
@@ -112,7 +112,7 @@ def main() -> int:
             draws.append(asyncio.run(drawn(seed, Path(folder))))
             print(draws[-1], flush=True)
     least_m, even_s = min(each.least_m for each in draws), max(each.even_after_s for each in draws)
-    print(f"{len(draws)} swaps: least distance {least_m:.2f} m, even again at most {even_s:.1f} s after the command")
+    print(f"{len(draws)} swaps: least distance {least_m:.2f} m, even again at most {even_s:.1f} s after take-off")
     return int(any(each.fails for each in draws))
 
 

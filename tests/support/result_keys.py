@@ -50,6 +50,7 @@ OUTPUT_KEYS = {
     "fence of zones import": "name area_m2 corners_m center_m radius_m",
     "no_fly[] of zones import": "name area_m2 corners_m center_m radius_m floor_m ceiling_m",
     "rally[] of zones import": "name place_m",
+    "tiles": "format out source tiles stored missing bounds_deg level_min level_max problem",
     "check": "format mission grade findings",
     "findings[] of check": "grade subject check found why next_step temporary",
     "sweep": "format mission table runs finished hold do_not_hold not_judged failed verdicts errors",

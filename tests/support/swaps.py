@@ -17,13 +17,14 @@ from tests.support.served_team import Team
 from tests.support.wire import PATIENCE_S, hurried, running, until
 
 NEAR_TARGET = (
-    ("start_m = [35.0, -5.0]", "start_m = [26.0, 0.0]"),
+    ("start_m = [35.0, -5.0]", "start_m = [22.0, 0.0]"),
+    ("radius_m = 10.0\nangular_rate_rad_s = 0.05", "radius_m = 7.0\nangular_rate_rad_s = 0.07"),
     ("distance_max_m = 12.0", "distance_max_m = 40.0"),
     ("range_m = 15.0", "range_m = 60.0"),
     ("separation_m = 3.0", 'separation_m = 3.0\n\n[choreography]\nlayer_m = 3.0\nlanding = "return"'),
 )
 """A change of case2: its vehicles engage at once, away from their starts, and come home in layers."""
-SETTLING_S = 40.0
+SETTLING_S = 30.0
 EVEN_DEG, ROUND_SHARE = 5.0, 0.05
 """A ring is even once every spacing is within the first and every radius within the second of the ring's."""
 
@@ -74,12 +75,13 @@ class Tracks:
 
 @dataclass(frozen=True)
 class Swap:
-    """A swap: when the vehicle's battery ran low, when it was down, when it was told to rejoin [s of the clock]."""
+    """A swap: when the battery ran low, the vehicle was down, was told to rejoin, and took off [s of the clock]."""
 
     vehicle: int
     low_s: float
     down_s: float
     rejoined_s: float
+    armed_s: float
 
 
 async def swap(
@@ -109,8 +111,8 @@ async def swap(
     rejoined_s = team.clock.now_s()
     code, said = await told(team, vehicle)
     assert code == 0, said
-    await until(lambda: team.vehicles[vehicle].armed, 30.0, "its take-off", clock=team.clock)
-    return Swap(vehicle, low_s, down_s, rejoined_s)
+    armed_s = await until(lambda: team.vehicles[vehicle].armed, 30.0, "its take-off", clock=team.clock)
+    return Swap(vehicle, low_s, down_s, rejoined_s, armed_s)
 
 
 async def told(team: Team, vehicle: int) -> tuple[int, str]:

@@ -19,6 +19,7 @@ from gcs.cli import VERBS, app
 from gcs.link.ports import free_ports
 from tests.support.drawn_field import plan
 from tests.support.mission_text import CASE2, LOW, LOW_M
+from tests.support.page.map_tiles import mbtiles, png
 from tests.support.result_keys import OUTPUT_KEYS, RESULT_KEYS
 from tests.support.ring_mission import ring_mission
 
@@ -84,7 +85,8 @@ ALONE = (
     VerbRun("new", "new.toml --vehicles 2 --links stub --shape line --radius 10 --rate 0.1 --target rest --fence 20"),
     VerbRun("schema"),
     VerbRun("zones import", "field.plan --mission ring.toml", keys=OUTPUT_KEYS["zones import"]),
-    VerbRun("zones export", "ring.toml ring.plan"),
+    VerbRun("zones export", "ring.toml --out ring.plan"),
+    VerbRun("tiles", "47,8,48,9 --from world.mbtiles --zoom 0:0 --out field.mbtiles", keys=OUTPUT_KEYS["tiles"]),
     VerbRun("sim", "ring.toml --duration 10 --log sim.mcap", (0, 1), RESULT_KEYS[""]),
     VerbRun("sweep", "ring.toml --seeds 0:2 --duration 5 --workers 1 --out swept", (0, 1), OUTPUT_KEYS["sweep"]),
     VerbRun("sweep plot", "swept", keys=OUTPUT_KEYS["sweep plot"]),
@@ -154,12 +156,13 @@ def run_all(folder: Path) -> Iterator[Ran]:
 
 
 def write_missions(folder: Path) -> None:
-    """Write a field of another program, and the missions.
+    """Write a field of another program, a map, and the missions.
 
     They are a ring of two, to fly at once and by stubs alone, with signing keys, and with a router. Drills fly case2
     low.
     """
     (folder / "field.plan").write_text(plan(), encoding="utf-8")
+    mbtiles(folder / "world.mbtiles", [(0, 0, 0, png((0, 0, 255)))], name="world")
     (folder / "low.toml").write_text(CASE2.replace(*LOW), encoding="utf-8")
     stubs = free_ports(5)
     for name in ("ring", "fly", "stubs", "signed", "routed"):

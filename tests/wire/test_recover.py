@@ -4,6 +4,7 @@ The vehicles are stubs of this process, on a governed clock, with plants that di
 """
 
 import asyncio
+import json
 import os
 import shutil
 import signal
@@ -271,3 +272,29 @@ async def test_on_a_terminal_it_asks_once_and_does_nothing_without_a_yes(mission
             assert (setpoints(team)[1] > 0) == (code == 0)
         assert not team.vehicles[1].armed
         assert dist(team.place_m(1)[:2], places_m[1]) < 1.0
+
+
+@pytest.mark.long
+async def test_a_team_whose_flight_was_killed_flies_on_with_its_mission(
+    mission_file: Callable[..., str], tmp_path: Path
+) -> None:
+    """Its vehicles are taken on the ring; they hold together, and are on the ring again when the mission ends."""
+    log = tmp_path / "on.mcap"
+    async with team_of(mission_file("case2", *ON_RING)) as team:
+        await kill_in_mid_ring(team)
+        options = ("--adopt", "--yes", "--duration", "60", "--json", "--log", str(log))
+        async with team.watched(), asyncio.timeout(PATIENCE_S), running("fly", team.path, *options) as flight:
+            with hurried(team.clock):
+                out, err = await flight.communicate()
+        assert flight.returncode is not None, err.decode()
+        result = json.loads(out)
+        print(f"MEASURED on: least distance {team.least_m:.2f} m, {result['ring']}")
+        assert result["ended"]["how"] == "landed", err.decode()
+        assert result["verdicts"]["C1"]
+        assert result["verdicts"]["C3"]
+        assert result["departures"] == []
+        assert not team.aloft
+        assert team.least_m >= team.mission.safety.separation_m
+    async with running("replay", str(log)) as replay:
+        out, err = await replay.communicate()
+        assert replay.returncode == 0, err.decode() + out.decode()

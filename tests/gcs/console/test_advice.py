@@ -25,6 +25,7 @@ FLIES_ON = {
     "link degraded",
     "battery warning",
     "gimbal failed",
+    "traffic near",
     "status stale",
     "sightings contradict",
     "target from outside only",

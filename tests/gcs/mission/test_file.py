@@ -319,6 +319,23 @@ BAD: dict[str, tuple[Content, list[tuple[str, str]]]] = {
         changed((("vehicles", 1, "decision"), {"threat_max": 6.0})),
         [("vehicles[1].decision.threat_max", "6.0")],
     ),
+    "a gimbal that is no table": (changed((("vehicles", 1, "gimbal"), "up")), [("vehicles[1].gimbal", "up")]),
+    "a camera that sees all around": (
+        changed((("vehicles", 1, "gimbal"), {"view_deg": 360.0}), (("vehicles", 2, "gimbal"), {"fov_deg": 60.0})),
+        [("vehicles[1].gimbal.view_deg", "360.0"), ("vehicles[2].gimbal.fov_deg", "")],
+    ),
+    "a stream that is none, and one with a password": (
+        changed(
+            (("vehicles", 0, "camera_url"), "javascript:alert(1)"),
+            (("vehicles", 1, "camera_url"), "rtsp://admin:secret@192.168.1.20/main"),
+            (("vehicles", 2, "camera_url"), "rtsp://192.168.1.20:99999/main"),
+        ),
+        [
+            ("vehicles[0].camera_url", "rtsp://192.168.1.20:554/main"),
+            ("vehicles[1].camera_url", "password"),
+            ("vehicles[2].camera_url", "rtsp://192.168.1.20:554/main"),
+        ],
+    ),
     "no vehicles": (changed((("vehicles",), [])), [("vehicles", "[[vehicles]]")]),
     "one vehicle, not a list of them": (changed((("vehicles",), {"id": 1})), [("vehicles", "[[vehicles]]")]),
     "nothing at all": (

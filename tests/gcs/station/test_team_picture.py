@@ -9,6 +9,7 @@ from msgspec.structs import replace
 from agents.safety.failsafe import Condition
 from agents.team.messages import (
     MISSION_RING,
+    Aircraft,
     AutopilotReport,
     CommandAnswer,
     CommandedRing,
@@ -558,3 +559,21 @@ def test_a_mission_as_it_is_planned() -> None:
     local = parsed({**content(), "frame": {"local": True}})
     assert mission_picture(local, "flight", 90.0).origin_deg is None
     assert hypot(*shown.vehicles[0].start_m) == 4.0
+
+
+def test_traffic_is_that_of_the_newest_report_whoever_received_it_until_it_is_old() -> None:
+    def plane(time_s: float, x: float, label: str = "HB-XYZ") -> Aircraft:
+        return Aircraft(label, START_S + time_s, (x, 0.0), (50.0, 0.0), 120.0)
+
+    page = Page()
+    page.hears(1.0, state(1, START_S + 1.0, traffic=(plane(0.5, 100.0), plane(0.9, -50.0, "DRONE"))))
+    page.hears(1.1, state(2, START_S + 1.1, traffic=(plane(0.2, 85.0),)))
+    seen = page.team(1.5).traffic
+    assert [(each.label, each.position_m, each.altitude_m) for each in seen] == [
+        ("DRONE", (-50.0, 0.0), 120.0),
+        ("HB-XYZ", (100.0, 0.0), 120.0),
+    ]
+    assert [each.age_s for each in seen] == pytest.approx([0.6, 1.0])
+    page.hears(6.0, state(2, START_S + 6.0, traffic=(plane(5.9, 370.0),)))
+    assert [(each.label, each.position_m) for each in page.team(11.0).traffic] == [("HB-XYZ", (370.0, 0.0))]
+    assert page.team(17.0).traffic == ()

@@ -143,7 +143,7 @@ def test_an_exported_plan_is_read_as_the_mission_has_it(
 ) -> None:
     monkeypatch.chdir(tmp_path)
     Path("my.toml").write_text(with_layout(CASE2, layout(tmp_path, "f.geojson", geojson())), encoding="utf-8")
-    code, _, err = run_here("zones", "export", "my.toml", "out.plan")
+    code, _, err = run_here("zones", "export", "my.toml", "--out", "out.plan")
     assert code == 0
     assert facts_missing(err, "no heights: house", "written: out.plan") == [], err
     assert json.loads(Path("out.plan").read_text())["mission"]["plannedHomePosition"] == [47.397742, 8.545594, 488.0]
@@ -155,10 +155,10 @@ def test_an_exported_plan_is_read_as_the_mission_has_it(
     assert_same(mast.corners_m, (MAST_M,))
     assert mast.radius_m == MAST_RADIUS_M
     assert (again.points, facts_missing(err, "--vehicle ID")) == ((), [])
-    assert run_here("zones", "export", "my.toml", "1.plan", "--vehicle", "1")[0] == 0
+    assert run_here("zones", "export", "my.toml", "--out", "1.plan", "--vehicle", "1")[0] == 0
     (spot,) = laid_out(read_drawing(Path("1.plan")), FRAME).points
     assert_same((spot.place_m,), ((RALLY_M[0], RALLY_M[1] + 4.0),))
-    code, _, err = run_here("zones", "export", "my.toml", "out.plan")
+    code, _, err = run_here("zones", "export", "my.toml", "--out", "out.plan")
     assert (code, "exists" in err) == (2, True)
 
 

@@ -137,6 +137,27 @@ def test_addressed_systems_and_a_radios_buffer_are_read_from_the_bytes() -> None
     assert buffer_free(command(1)) is None
 
 
+def pointing(vehicle: int, pitch: float) -> bytes:
+    fields = (vehicle, 1, 16, 1, [pitch, 0.0, 0.0, 0.0], 0.0, 0.0, 0.0)
+    return bytes(SENDER.gimbal_manager_set_attitude_encode(*fields).pack(SENDER))
+
+
+def test_of_each_gimbals_directions_the_newest_leaves_and_after_everything_else() -> None:
+    queue = TransmitQueue(bytes_s=1000.0, setpoint_hz=10.0)
+    for number in range(100):
+        queue.put(pointing(1, float(number)), PLACE)
+        queue.put(pointing(2, float(-number)), PLACE)
+    assert target_system(pointing(2, 1.0)) == 2
+    queue.put(parameter(1), PLACE)
+    queue.put(setpoint(1, 3.0), PLACE)
+    queue.put(command(1), PLACE)
+    sent = [frame for _, frame in drained(queue, 1.0)]
+    assert [header(frame).message for frame in sent] == [76, 84, 20, 282, 282]
+    decoded = [(mavlink.MAVLink(None).parse_buffer(frame) or [])[0] for frame in sent[3:]]
+    assert [(each.target_system, each.q[0]) for each in decoded] == [(1, 99.0), (2, -99.0)]
+    assert queue.due_s() == float("inf")
+
+
 def test_one_sender_counts_on_and_gaps_are_what_was_lost() -> None:
     one = Sequences()
     for number in [*range(250, 256), *range(10), 13, 14]:
