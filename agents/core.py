@@ -74,11 +74,11 @@ from agents.team.messages import (
     LINK_SILENT_S,
     CommandAnswer,
     CommandedRing,
+    Goal,
     MemberState,
     NextChange,
     OperatorCommand,
     Outlook,
-    Place,
 )
 from agents.team.team import Team
 from estimation.state import POSITION, Sighting, TargetEstimate, Telemetry, Vector
@@ -695,7 +695,7 @@ class VehicleCore:
         elif stays and self._planner.journey is not None:
             self._planner.stay()
 
-    def _place_refusal(self, place: Place) -> str:
+    def _place_refusal(self, place: Goal) -> str:
         """Return why the vehicle must not go to a place at its height, empty if it may."""
         config, here, there_m = self._config, self._estimator.position_m, (place.x_m, place.y_m)
         if here is None:

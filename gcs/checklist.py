@@ -19,7 +19,7 @@ VALID_S = 12 * 3600.0
 """A tick that is older is of another day."""
 
 
-class Tick(msgspec.Struct, frozen=True):
+class Ticked(msgspec.Struct, frozen=True):
     """Who ticked an item, and when in Unix time; `used` once a flight has begun with it."""
 
     by: str
@@ -34,7 +34,7 @@ class Checklist:
         self._team = team
         self.items = tuple(items)
 
-    def ticks(self) -> list[Tick | None]:
+    def ticks(self) -> list[Ticked | None]:
         """Return the tick of each item, also of one that is used, None where there is none."""
         if not self.items:
             return []
@@ -48,21 +48,21 @@ class Checklist:
         return [item for item, tick in items if item.required and not _counts(tick)]
 
     def tick(self, number: int, by: str, *, ticked: bool) -> None:
-        """Tick the item of this number, or remove its tick."""
+        """Ticked the item of this number, or remove its tick."""
         with private_files.locked_runtime_folder() as runtime:
             known, text = self._read(runtime), self.items[number].text
             known.pop(text, None)
             if ticked:
-                known[text] = Tick(by, time.time())
+                known[text] = Ticked(by, time.time())
             private_files.write(self._file(runtime), msgspec.json.encode(known))
 
     def tick_all(self, by: str) -> None:
-        """Tick every item that is not ticked."""
+        """Ticked every item that is not ticked."""
         for number, tick in enumerate(self.ticks()):
             if not _counts(tick):
                 self.tick(number, by, ticked=True)
 
-    def use(self) -> list[Tick | None]:
+    def use(self) -> list[Ticked | None]:
         """Return the ticks that count, which a start uses up."""
         ticks = self.ticks()
         used = {item.text: replace(tick, used=True) for item, tick in zip(self.items, ticks, strict=True) if tick}
@@ -73,17 +73,17 @@ class Checklist:
     def _file(self, runtime: Path) -> Path:
         return runtime / f"checklist-{self._team}.json"
 
-    def _read(self, runtime: Path) -> dict[str, Tick]:
+    def _read(self, runtime: Path) -> dict[str, Ticked]:
         path = self._file(runtime)
         if not path.exists():
             return {}
         try:
-            known = msgspec.json.decode(private_files.read_private(path), type=dict[str, Tick])
+            known = msgspec.json.decode(private_files.read_private(path), type=dict[str, Ticked])
         except msgspec.DecodeError as error:
             raise InputError([f"{path}: {error}; next: remove it, and tick the items again"]) from error
         return {text: tick for text, tick in known.items() if 0.0 <= time.time() - tick.wall_s < VALID_S}
 
 
-def _counts(tick: Tick | None) -> bool:
+def _counts(tick: Ticked | None) -> bool:
     """Return whether an item is ticked for the next flight."""
     return tick is not None and not tick.used

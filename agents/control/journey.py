@@ -14,7 +14,7 @@ from agents.control.return_and_land import ARRIVED_M, ARRIVED_M_S
 from agents.safety.routes import Way, routes_of
 from agents.settings.config import AgentConfig
 from agents.situation.situation import Situation
-from agents.team.messages import Place
+from agents.team.messages import Goal
 from estimation.state import POSITION, VELOCITY
 from estimation.vectors import Pair
 
@@ -25,7 +25,7 @@ SPEED_SHARE, EXTRA_S = 0.4, 30.0
 class Journey:
     """One vehicle's way to a place, from its first plan on."""
 
-    def __init__(self, config: AgentConfig, place: Place, origin: str) -> None:
+    def __init__(self, config: AgentConfig, place: Goal, origin: str) -> None:
         """Take the place, and the name of the operator who sends the vehicle there."""
         self.place: Final = place
         self.origin: Final = origin

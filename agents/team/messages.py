@@ -122,7 +122,7 @@ class RingValues(msgspec.Struct, frozen=True, array_like=True):
         return ", ".join(form.format(value) for form, value in zip(forms, values, strict=True) if value is not None)
 
 
-class Place(msgspec.Struct, frozen=True, array_like=True):
+class Goal(msgspec.Struct, frozen=True, array_like=True):
     """The place of the verb goto, in the mission frame, and whether the vehicle lands there; otherwise it holds."""
 
     x_m: _Metres
@@ -319,7 +319,7 @@ class OperatorCommand(msgspec.Struct, frozen=True, array_like=True, tag="command
     times_s: tuple[tuple[VehicleId, TimeS], ...] = ()
     ring: RingValues | None = None
     ring_number: RingNumber | None = None
-    place: Place | None = None
+    place: Goal | None = None
 
     @property
     def key(self) -> "CommandKey":

@@ -6,7 +6,7 @@ from difflib import get_close_matches
 from math import isfinite, nan
 
 from agents.settings.shapes import SHAPES, Shape
-from agents.team.messages import OperatorCommand, Place, RingValues
+from agents.team.messages import Goal, OperatorCommand, RingValues
 from agents.team.verbs import AUTO, VERBS, Verb
 from gcs.errors import InputError
 from gcs.mission.mission import Mission
@@ -18,7 +18,7 @@ class GivenCommand:
     all).
     """
 
-    argument: Shape | RingValues | Place | None = None
+    argument: Shape | RingValues | Goal | None = None
     ring_number: int | None = None
     vehicle: int | None = None
 
@@ -31,10 +31,10 @@ class GivenCommand:
             self.vehicle,
             origin,
             number,
-            shape=None if isinstance(given, RingValues | Place) else given,
+            shape=None if isinstance(given, RingValues | Goal) else given,
             ring=given if isinstance(given, RingValues) else None,
             ring_number=self.ring_number,
-            place=given if isinstance(given, Place) else None,
+            place=given if isinstance(given, Goal) else None,
         )
 
 
@@ -126,7 +126,7 @@ def _journey(mission: Mission, given: Sequence[str]) -> GivenCommand:
         raise InputError([f"goto: give {form} (given: {' '.join(given) or 'nothing'})"])
     if vehicle not in mission.ids:
         raise InputError([f"goto: the mission has no vehicle {vehicle} (it has {', '.join(map(str, mission.ids))})"])
-    return GivenCommand(Place(x_m, y_m, lands), vehicle=vehicle)
+    return GivenCommand(Goal(x_m, y_m, lands), vehicle=vehicle)
 
 
 def _ring_values(given: Sequence[str], *, is_only: bool) -> RingValues:

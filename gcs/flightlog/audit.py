@@ -14,7 +14,7 @@ from agents.outputs import TickOutput
 from agents.team.codec import decode
 from agents.team.messages import ROSTER_TOPIC, TOPICS, CommandAnswer, CommandKey, OperatorCommand, VehicleId, key_of
 from agents.team.text import printable
-from gcs.checklist import Tick
+from gcs.checklist import Ticked
 
 Event = Literal["received", "answered", "revoked", "head", "refused", "ticked", "closed"]
 Source = Literal["bus", "keyboard", ""]
@@ -52,7 +52,7 @@ class AuditHead(msgspec.Struct, frozen=True, array_like=True, tag="head"):
     digest: Annotated[str, msgspec.Meta(pattern=r"^[0-9a-f]{64}$")]
 
 
-def ticked(time_s: float, number: int, tick: Tick, text: str) -> AuditEntry:
+def ticked(time_s: float, number: int, tick: Ticked, text: str) -> AuditEntry:
     """Return the entry of a ticked item of the checklist, with its number and the Unix time of the tick."""
     when = datetime.fromtimestamp(tick.wall_s, UTC).isoformat(timespec="seconds")
     return AuditEntry(time_s, "ticked", 0, "", tick.by, "", number, printable(f"{text} ({when})"), "", "")

@@ -12,7 +12,7 @@ from msgspec import UNSET, UnsetType
 
 from agents.ring.commanded_ring import RingBounds
 from agents.settings.sections import CORNERS_MAX, ZONES_MAX, EncirclementSettings
-from agents.team.messages import TARGETS_MAX, Place, RingNumber, RingValues
+from agents.team.messages import TARGETS_MAX, Goal, RingNumber, RingValues
 from agents.team.verbs import VERBS, Verb, VerbRow
 from estimation.frames import Triple
 from gcs.console.advice import Severity
@@ -266,7 +266,7 @@ class CommandRequest(msgspec.Struct, frozen=True, tag_field="kind", tag="command
     overrides_pilot: bool = False
     ring: RingValues | None = None
     ring_number: RingNumber | None = None
-    place: Place | None = None
+    place: Goal | None = None
 
 
 class SightingRequest(msgspec.Struct, frozen=True, tag_field="kind", tag="sighting", forbid_unknown_fields=True):

@@ -4,7 +4,7 @@ import { byId, setAttribute, setText } from "./dom.js";
 import { Frame } from "./frame.js";
 import { labelPlaces } from "./labels.js";
 import { MapMenu } from "./map_menu.js";
-import { namePlace, planMarks, teamMarks, trailMarks, zoneMiddle } from "./marks.js";
+import { namePlace, planMarks, teamMarks, trailMarks, zoneLine, zoneMiddle } from "./marks.js";
 import { Measure } from "./measure.js";
 import { copy, copyOnClick, frameOf, fullPlaceText, placeText } from "./places.js";
 import { Pointing } from "./pointing.js";
@@ -75,6 +75,7 @@ export class Scene {
     this.map.on("click", ({ point }) => this.#take(point) || this.#copyCursor(point));
     this.pointing = new Pointing(this.map, this.#openMenu.bind(this), this.#pointAt.bind(this), this.#take.bind(this));
     this.menu = new MapMenu(container, () => this.pointing.focus());
+    container.append(byId("measured"));
     this.measure = new Measure((marks) => this.map.getSource("measured")?.setData(marks));
     byId("places").hidden = false;
     copyOnClick(byId("places"));
@@ -97,7 +98,7 @@ export class Scene {
     this.targets = targetNames(mission).map((name) => this.#marked(targetSymbol(name)));
     this.ringNames = (mission.rings ?? []).map((ring) => this.#marked(ringSymbol(ring)));
     this.showPlan(mission);
-    this.fit(mission.vehicles.map((planned) => planned.start_m), 0);
+    this.fit(this.#planned, 0);
     this.#showSelection();
   }
 
@@ -314,9 +315,16 @@ export class Scene {
     }
   }
 
+  /** The starts; in the editor of a mission its fence and zones as well. */
+  get #planned() {
+    const { vehicles, zones, source } = this.mission;
+    const starts = vehicles.map((planned) => planned.start_m);
+    return source === "plan" ? [...starts, ...vehicles.flatMap((planned) => planned.fence_m), ...zones.flatMap(zoneLine)] : starts;
+  }
+
   #everything() {
     const seen = this.team ? this.team.vehicles.map((each) => each.position_m).filter(Boolean) : [];
-    const points = seen.length ? seen : this.mission.vehicles.map((planned) => planned.start_m);
+    const points = seen.length ? seen : this.#planned;
     const targets = this.team ? targetsOf(this.team) : [];
     const rings = ringsOf(this.mission).map((ring, number) => [targets[ring.target], flownRing(this.mission, this.team, number)[0]]);
     return [...points, ...rings.flatMap(([target, radius]) => (target ? around(target.position_m, radius) : []))];

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from agents.team.messages import CommandedRing, Place
+from agents.team.messages import CommandedRing, Goal
 from gcs.console import command_client
 from gcs.mission.file import load_mission
 from tests.support.mission_text import INSECURE
@@ -126,7 +126,7 @@ async def test_what_is_not_confirmed_or_not_known_is_not_sent(
             await until(lambda: len(team.numbers("kill")) == 1 and len(team.numbers("resume")) == 3)
             await page.send(asked("21", "goto", [2], place=[28.0, -4.0, True]))
             await until(lambda: len(team.numbers("goto")) == 1)
-            assert next(each.place for _, each in team.received if each.verb == "goto") == Place(28.0, -4.0, lands=True)
+            assert next(each.place for _, each in team.received if each.verb == "goto") == Goal(28.0, -4.0, lands=True)
             await page.send(asked("14", "ring", ring=[12.0, -0.05]))
             await until(lambda: len(team.numbers("ring")) == 1)
         with subtests.test("one value is checked with the ring that was commanded before"):
