@@ -39,6 +39,16 @@ _SECTIONS = ("frame", "formation", "encirclement", "safety", "failsafe", "target
 _OF_THE_MISSION = {"name", "duration_s", "rate_hz"}
 _OF_ONE_COMPUTER = {"url", "true_scale", "sensor", "gimbal", "camera_url"}
 """Keys that may differ between the computers of a team, or concern only simulated vehicles or cameras."""
+_LATER_OF_SAFETY = {
+    "no_fly": "no_fly",
+    "rally": "rally",
+    "elevation": "elevation",
+    "min_height_above_ground_m": "elevation",
+    "traffic_distance_m": "traffic_distance_m",
+    "traffic_height_m": "traffic_distance_m",
+}
+"""Keys that count only where another one is used: missions without them keep the digests of earlier versions."""
+_LATER_OF_VEHICLES = {"reserve": "reserve"}
 
 
 def identified(mission: Mission) -> Mission:
@@ -49,14 +59,8 @@ def identified(mission: Mission) -> Mission:
 def _digest(mission: Mission) -> str:
     """Return 16 hexadecimal digits of the digest of sections, vehicles and profiles, without their file paths."""
     sections = {name: getattr(mission, name).model_dump(mode="json") for name in _SECTIONS}
-    later = ("no_fly", "rally", "elevation")  # keys that count only where they are used
-    unused = [key for key in later if not getattr(mission.safety, key)]
-    for key in unused + ["min_height_above_ground_m"] * ("elevation" in unused):
-        sections["safety"].pop(key)
+    sections["safety"] = _used(sections["safety"], _LATER_OF_SAFETY)
     sections["target"] = _comparable(mission.target)
-    if not mission.safety.traffic_distance_m:
-        for key in ("traffic_distance_m", "traffic_height_m"):
-            sections["safety"].pop(key)
     if mission.targets:
         sections["targets"] = [_comparable(each) for each in mission.targets]
     if mission.rings:
@@ -64,7 +68,10 @@ def _digest(mission: Mission) -> str:
             [each.name, each.target, each.places, each.encirclement.model_dump(mode="json"), each.shared]
             for each in mission.rings
         ]
-    vehicles = [each.section.model_dump(mode="json", exclude=_OF_ONE_COMPUTER) for each in mission.vehicles]
+    vehicles = [
+        _used(each.section.model_dump(mode="json", exclude=_OF_ONE_COMPUTER), _LATER_OF_VEHICLES)
+        for each in mission.vehicles
+    ]
     profiles = [each.profile.plant for each in mission.vehicles]
     whole = {
         "mission": mission.mission.model_dump(mode="json", include=_OF_THE_MISSION),
@@ -76,6 +83,11 @@ def _digest(mission: Mission) -> str:
     if mission.mission.planner != CORDONS_PLANNER:
         whole["planner"] = mission.mission.planner
     return sha256(dumps(whole, sort_keys=True).encode()).hexdigest()[:16]
+
+
+def _used(section: dict[str, Any], later: Mapping[str, str]) -> dict[str, Any]:
+    """Return a section without those of the later keys whose switch is off."""
+    return {key: value for key, value in section.items() if key not in later or section[later[key]]}
 
 
 def _comparable(target: TargetSection) -> dict[str, Any]:
