@@ -13,11 +13,15 @@ WAYS_STEP_S: Final = 0.1
 
 
 def closest_approach_m(x_m: Vector, y_m: Vector, height_m: Vector, above_m: float | None) -> float | None:
-    """Return the smallest horizontal distance of two vehicles, None if no two were measured at one time.
+    """Return the smallest horizontal distance of two vehicles in the air, None if no two were measured at one time.
 
-    All are (V, T), NaN where a place is not known. With `above_m` two whose heights differ by as much do not count, and
-    none of which the height is not known.
+    All are (V, T), NaN where not known. With `above_m` two whose heights differ by as much do not count, and none of
+    which the height is not known; without it one of unknown height counts as in the air.
     """
+    if len(x_m) < 2:
+        return None
+    ground_m = np.fmin.reduce(height_m, axis=1, keepdims=True, initial=0.0)
+    x_m = np.where(height_m <= ground_m + AIRBORNE_M, np.nan, x_m)
     closest_m = np.inf
     for row in range(len(x_m) - 1):
         apart_m = np.hypot(x_m[row + 1 :] - x_m[row], y_m[row + 1 :] - y_m[row])
@@ -46,6 +50,4 @@ def closest_on_ways_m(position_m: Vector, above_m: float) -> float | None:
     if not position_m.size:
         return None
     x_m, y_m, height_m = np.moveaxis(position_m, 2, 0)
-    ground_m = np.fmin.reduce(height_m, axis=1, keepdims=True, initial=0.0)
-    x_m = np.where(height_m > ground_m + AIRBORNE_M, x_m, np.nan)
     return closest_approach_m(x_m, y_m, height_m, above_m)

@@ -8,13 +8,16 @@ import numpy as np
 from msgspec.structs import asdict
 
 from agents.control.excitation import preview
+from agents.ring.bent_ring import Bender, RingBend, waiting_places_m
 from agents.ring.commanded_ring import RingBounds, ring_bounds
 from agents.ring.place import chord_m, even_places
 from agents.ring.settling import settling_s
 from agents.safety.failsafe import SILENCES_PER_HOUR_MAX
-from agents.safety.routes import shapes_of
+from agents.safety.routes import ZONE_MARGIN_M, flown_zones, routes_between, shapes_of
+from agents.settings.sections import NoFlySection
 from agents.team.messages import MISSION_RING, CommandedRing, RingValues
 from estimation.polar import polar_of
+from estimation.vectors import Pair
 from gcs.autopilots.registry import advice
 from gcs.errors import InputError
 from gcs.link.config import link_paces
@@ -152,6 +155,7 @@ def feasibility(mission: Mission, *, stubs: bool = False) -> Iterator[Finding]:
     if not stubs:
         yield _mission_fence(mission)
     yield from _zones_on_the_way_home(mission)
+    yield from _on_each_ring(mission, _zones_on_the_targets_path)
     yield from encounter(mission)
     yield from _on_each_ring(mission, _target_speed)
     yield from _on_each_ring(mission, _ring_acceleration)
@@ -354,6 +358,8 @@ def _gap(mission: Mission, check: str, what: str, gap_m: float, step: str) -> Fi
     )
 
 
+_PATH_PLACES = 20
+"""At so many places of the target's planned path the ring is bent."""
 _HOMEWARD_STEP_DEG = 10
 """At so many degrees each around the ring the straight way home is checked."""
 
@@ -379,6 +385,43 @@ def _zones_on_the_way_home(mission: Mission) -> Iterator[Finding]:
             "after a lost link an autopilot that returns flies straight, at its own height, through zones",
             "let it land instead (docs/hardware.md), or set its height of return above the zones",
         )
+
+
+def _zones_on_the_targets_path(mission: Mission) -> Finding | None:
+    """Return a warning of a planned path on which no ring can be flown: the guard then stops the vehicles at a zone."""
+    zones, target = flown_zones(mission.agent_config(mission.vehicles[0])), mission.target
+    if not zones or not target.has_planned_path or target.speed_max_m_s == 0.0:
+        return None
+    places = even_places([each.section.gap for each in mission.vehicles])
+    bender = Bender(zones, mission.encirclement, mission.safety, places)
+    path = target.motion.path_m(mission.mission.duration_s, _PATH_PLACES)
+    blocked_s = [
+        time_s
+        for time_s, centre_m in path
+        if (bend := bender.bend(centre_m)) is None or not _is_reached(mission, zones, centre_m, bend)
+    ]
+    return Finding.graded(
+        Grade.WARNING if blocked_s else Grade.PASS,
+        MISSION,
+        "target's path",
+        f"at {len(blocked_s)} of {len(path)} places of its path, the first at {blocked_s[0]:.0f} s, no ring keeps out of "
+        "the no-fly zones and inside the fence, or no way leads to it"
+        if blocked_s
+        else "a ring that keeps out of the no-fly zones can be flown on the whole planned path",
+        "where the ring cannot bend, or no way leads to it, the vehicles stop at a zone until they can go on",
+        "change the target's path, the ring, the zones or the fence",
+    )
+
+
+def _is_reached(mission: Mission, zones: tuple[NoFlySection, ...], centre_m: Pair, bend: RingBend) -> bool:
+    """Return whether a way leads from every start to a ring about a centre."""
+    on_ring = waiting_places_m(centre_m, mission.encirclement.radius_m, 0.0, bend)
+    return all(
+        routes_between(zones, each.section.limits(mission.safety).fence_m, ZONE_MARGIN_M).way_m(
+            each.section.start_m, on_ring
+        )
+        for each in mission.vehicles
+    )
 
 
 def _flown_places_m(mission: Mission) -> list[tuple[float, float]]:

@@ -109,7 +109,7 @@ async def test_a_vehicle_that_finds_its_place_late_is_waited_for_and_a_second_mi
 
 RALLY = """[choreography]
 landing = "return"
-layer_m = 2.0
+layer_m = 3.0
 
 [[safety.rally]]
 name = "west"

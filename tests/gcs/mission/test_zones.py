@@ -120,6 +120,21 @@ def test_a_ring_to_which_no_way_leads_is_refused() -> None:
     assert len(parsed(at_rest(no_fly=[across], fence_m=wider)).safety.no_fly) == 1
 
 
+def test_check_warns_where_no_ring_can_be_flown_about_a_target_that_moves() -> None:
+    """It moves along x at 0.1 m/s from (35, -5): the wall across the fence lies between it and all starts."""
+    fence = [[-20.0, -20.0], [120.0, -20.0], [120.0, 20.0], [-20.0, 20.0]]
+    across = {"name": "across", "polygon_m": [[14.0, -30.0], [18.0, -30.0], [18.0, 30.0], [14.0, 30.0]]}
+    aside = {"name": "aside", "polygon_m": [[30.0, 18.0], [60.0, 18.0], [60.0, 19.0], [30.0, 19.0]]}
+
+    def warned(zone: dict[str, Any]) -> str:
+        mission = parsed(changed({("safety", "no_fly"): [zone], ("safety", "fence_m"): fence}))
+        (found,) = (each for each in feasibility(mission) if each.check == "target's path")
+        return found.found if found.grade is Grade.WARNING else ""
+
+    assert "the first at 0 s" in warned(across)
+    assert warned(aside) == ""
+
+
 def test_check_warns_of_zones_on_the_autopilots_straight_way_home() -> None:
     house = {"name": "house", "polygon_m": SQUARE}
     between = {"name": "between", "center_m": [16.0, -4.0], "radius_m": 1.0}
