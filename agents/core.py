@@ -702,12 +702,9 @@ class VehicleCore:
             return "its position is not known"
         if (way_m := dist(here, there_m)) > _GO_MAX_M:
             return f"{place.text} is {way_m:.0f} m away, and {_GO_MAX_M:g} m at most are allowed"
-        clearance_m, margin_m = (
-            Area(config.safety).clearance_m(there_m, self._layer_m),
-            config.safety.separation_m / 2.0,
-        )
-        if clearance_m < margin_m:
-            return f"{place.text} is {clearance_m:.1f} m inside fence and zones, at least {margin_m:g} m are needed"
+        hindrance = Area(config.safety).hindrance(there_m, self._layer_m, config.safety.separation_m / 2.0)
+        if hindrance:
+            return f"{place.text} is {hindrance}"
         for name in config.targets or (config.target,):
             target_m = self._estimator.targets.position_m(name)
             if target_m is not None and dist(target_m, there_m) < config.safety.keep_out_m:

@@ -299,7 +299,7 @@ def fly(
     log: str | Path | None = None,
     recorded: bool = True,
     allow_plugins: bool = False,
-    checklist_done: str = "",
+    checklist_done: str | None = None,
     weather: str = "",
 ) -> LiveFlight:
     """Return a flight of a mission over MAVLink and Zenoh, for `async with`, as `cordon fly` flies it.

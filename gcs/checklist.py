@@ -11,12 +11,20 @@ from pathlib import Path
 import msgspec
 from msgspec.structs import replace
 
+from agents.team.participant import name_from
 from gcs.errors import InputError
 from gcs.keys import private_files
 from gcs.mission.mission import ChecklistItem
 
 VALID_S = 12 * 3600.0
 """A tick that is older is of another day."""
+
+
+def done_by(name: str) -> str:
+    """Return who has done a checklist, as a name; raises InputError for none."""
+    if not name.strip():
+        raise InputError([f"--checklist-done: give the name of a person (given: {name!r})"])
+    return name_from(name)
 
 
 class Ticked(msgspec.Struct, frozen=True):

@@ -174,6 +174,23 @@ class Area:
         closed_m = [each.boundary.clearance_m(place_m) for each in self.zones if each.overlaps(height_m, height_m)]
         return min(fence_m, *closed_m) if closed_m else fence_m
 
+    def hindrance(self, place_m: Corner, height_m: float, margin_m: float) -> str:
+        """Return the boundary beyond which a place is, or to which it is nearer than a margin; empty without one."""
+        boundaries = [] if self.fence is None else [(self.fence.clearance_m(place_m), "the fence", "outside")]
+        boundaries += [
+            (zone.boundary.clearance_m(place_m), f"the no-fly zone '{zone.name}'", "inside")
+            for zone in self.zones
+            if zone.overlaps(height_m, height_m)
+        ]
+        if not boundaries:
+            return ""
+        clearance_m, name, beyond = min(boundaries)
+        if clearance_m >= margin_m:
+            return ""
+        if clearance_m < 0.0:
+            return f"{-clearance_m:.1f} m {beyond} {name}"
+        return f"{clearance_m:.1f} m from {name}, and {margin_m:g} m are needed"
+
     def entered(self, place_m: Corner, height_m: float) -> NoFlyZone | None:
         """Return the zone that a place at a height is in, None if there is none."""
         for zone in self.zones:

@@ -256,7 +256,7 @@ def _fly(options: FlyOptions) -> Exit:
         awaits_start=options.wait_for_start,
         bench=options.bench,
         allow_plugins=options.allow_plugins,
-        checklist_done=options.checklist_done or "",
+        checklist_done=options.checklist_done,
         weather=options.weather or "",
         recovery=recovery,
         left=options.leave,

@@ -40,8 +40,7 @@ def start(options: StartOptions) -> Exit:
     Example: cordon start my-mission.toml
     """
     from agents.ports import VehicleRefusedError
-    from agents.team.participant import name_from
-    from gcs.checklist import Checklist
+    from gcs.checklist import Checklist, done_by
     from gcs.cli.command import granted_operator
     from gcs.cli.output import print_result
     from gcs.console.command_client import start_team
@@ -49,8 +48,8 @@ def start(options: StartOptions) -> Exit:
 
     mission = bus_mission(options.mission, options.changes)
     checklist = Checklist(mission.network.team, mission.checklist)
-    if options.checklist_done:
-        checklist.tick_all(name_from(options.checklist_done))
+    if options.checklist_done is not None:
+        checklist.tick_all(done_by(options.checklist_done))
     if open_items := [item.text for item in checklist.open()]:
         fault = f"the checklist is not done: {'; '.join(open_items)}"
         print_problem(fault, "tick it on the operator's page, or use --checklist-done NAME")

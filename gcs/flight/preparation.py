@@ -75,16 +75,23 @@ class Readiness:
 
 
 class ChecklistWait:
-    """The wait until people have ticked the required items of the mission's checklist; it has no limit."""
+    """The wait until people have ticked the required items of the mission's checklist; `--wait 0` forbids it."""
 
     def __init__(self, team: FlightTeam, checklist: Checklist) -> None:
         self._team = team
         self._checklist = checklist
 
     async def done(self) -> None:
-        """Wait, note the ticks in the audit log, and use them up. Raises InputError where they cannot be read."""
+        """Wait, note the ticks in the audit log, and use them up.
+
+        Raises InputError where they cannot be read, VehicleRefusedError for open items of a flight that does not wait.
+        """
         shown: list[str] = []
         while open_items := await asyncio.to_thread(self._checklist.open):
+            if self._team.plan.wait_s == 0.0:
+                texts = "; ".join(item.text for item in open_items)
+                step = "tick it on the operator's page, or use --checklist-done NAME"
+                raise VehicleRefusedError(f"the checklist is not done: {texts}", step)
             lines = [f"  [ ] {item.text}" for item in open_items]
             if lines != shown:
                 shown, head = lines, "waiting for the checklist: tick it on the page, or use --checklist-done NAME"

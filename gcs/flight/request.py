@@ -3,9 +3,8 @@
 from dataclasses import dataclass
 from math import inf
 
-from agents.team.participant import name_from
 from agents.team.text import printable
-from gcs.checklist import Checklist
+from gcs.checklist import Checklist, done_by
 from gcs.errors import InputError
 from gcs.flight.faults.schedule import scheduled_faults
 from gcs.flight.plan import FlightPlan, TeamRecovery
@@ -40,7 +39,7 @@ class FlightRequest:
     awaits_start: bool = False
     bench: bool = False
     allow_plugins: bool = False
-    checklist_done: str = ""
+    checklist_done: str | None = None
     weather: str = ""
     recovery: TeamRecovery | None = None
     left: tuple[int, ...] = ()
@@ -78,14 +77,14 @@ class FlightRequest:
     def _checklist(self) -> Checklist | None:
         """Return the checklist to wait for; where operators start the vehicles, `cordon start` requires it."""
         items = self.mission.checklist
-        if self.checklist_done and (not items or self.awaits_start):
+        if self.checklist_done is not None and (not items or self.awaits_start):
             where = "`cordon start` takes it" if items else "the mission has no [[checklist]]"
             raise InputError([f"--checklist-done: {where}"])
         if not items or self.awaits_start or self.recovery is not None:
             return None
         checklist = Checklist(self.mission.network.team, items)
-        if self.checklist_done:
-            checklist.tick_all(name_from(self.checklist_done))
+        if self.checklist_done is not None:
+            checklist.tick_all(done_by(self.checklist_done))
         return checklist
 
     def _vehicles(self) -> tuple[MissionVehicle, ...]:

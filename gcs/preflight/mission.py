@@ -404,8 +404,8 @@ def _zones_on_the_targets_path(mission: Mission) -> Finding | None:
         Grade.WARNING if blocked_s else Grade.PASS,
         MISSION,
         "target's path",
-        f"at {len(blocked_s)} of {len(path)} places of its path, the first at {blocked_s[0]:.0f} s, no ring keeps out of "
-        "the no-fly zones and inside the fence, or no way leads to it"
+        f"at {len(blocked_s)} of {len(path)} places of its path, the first at {blocked_s[0]:.0f} s, no ring keeps out "
+        "of the no-fly zones and inside the fence, or no way leads to it"
         if blocked_s
         else "a ring that keeps out of the no-fly zones can be flown on the whole planned path",
         "where the ring cannot bend, or no way leads to it, the vehicles stop at a zone until they can go on",

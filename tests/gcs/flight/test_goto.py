@@ -88,7 +88,7 @@ def test_a_vehicle_that_is_blown_off_its_way_holds_where_it_is(mission: cordon.M
 
 
 REFUSED = {
-    "outside of the fence": ("goto 2 x=60 y=0", "inside fence"),
+    "outside of the fence": ("goto 2 x=60 y=0", "outside the fence"),
     "near the target": ("goto 2 x=15 y=1", "keep_out_m"),
     "far away": ("goto 2 x=5000 y=0", "m away"),
 }

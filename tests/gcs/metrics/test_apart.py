@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from estimation.state import Vector
+from gcs.metrics.apart import closest_approach_m
 from gcs.metrics.journal import Journal, RunTotals
 from gcs.mission.file import load_mission
 from gcs.mission.mission import Mission
@@ -62,6 +63,15 @@ def test_layers_and_vehicles_on_the_ground_do_not_count(mission: Mission) -> Non
     assert closest_m(mission, beside(0.0, 8.0), beside(1.0, 9.7), by_truth=True) is None, "they are in layers"
     landed = closest_m(mission, beside(0.0, 8.0), passes_at(145.0, 1.0, 8.0), by_truth=True)
     assert landed == pytest.approx(np.hypot(5.0, 1.0), abs=0.15), "it was down at 140 s, 5 m before the other passed"
+
+
+def test_a_vehicle_that_has_landed_does_not_count_in_the_mission_either() -> None:
+    """One stands from 10 s on, where the other flies above it at 15 s; before they are 5 m apart."""
+    time_s = np.arange(0.0, 20.0, 0.1)
+    x_m, y_m = np.array([0.0 * time_s, time_s - 15.0]), np.zeros((2, time_s.size))
+    height_m = np.array([np.where(time_s < 10.0, 8.0, 0.0), np.full(time_s.size, 8.0)])
+    assert closest_approach_m(x_m, y_m, height_m, None) == pytest.approx(5.0, abs=0.11)
+    assert closest_approach_m(x_m, y_m, np.full_like(height_m, np.nan), None) == pytest.approx(0.0, abs=0.01)
 
 
 def test_what_happens_in_the_mission_is_left_to_its_own_figure(mission: Mission) -> None:
