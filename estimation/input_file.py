@@ -32,6 +32,7 @@ KEY_PARTS_MAX = 32
 _STRINGS_AND_COMMENTS = re.compile(
     r'"""(?:\\[\s\S]|[^\\])*?"""' + r"|'''[\s\S]*?'''" + r'|"(?:\\.|[^"\\\n])*"' + r"|'[^'\n]*'|#[^\n]*"
 )
+_LONG_NUMBER = re.compile(r"\d[\d_]{4000}")
 _BETWEEN_KEYS = re.compile(r"[,\[\]{}=\n]")
 
 
@@ -46,3 +47,9 @@ def toml_content(text: str) -> dict[str, Any]:
         return tomllib.loads(text)
     except RecursionError as error:
         raise ValueError("it is nested too deeply") from error
+    except tomllib.TOMLDecodeError:
+        raise
+    except ValueError as error:  # of Python's integers, without a place
+        long = _LONG_NUMBER.search(text)
+        at = f" (at line {text.count(chr(10), 0, long.start()) + 1})" if long else ""
+        raise ValueError(f"a number has more digits than are read{at}") from error

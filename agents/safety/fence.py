@@ -35,6 +35,7 @@ class Fence:
         self._encloses = encloses
         self._edges = tuple(zip(corners_m, (*corners_m[1:], corners_m[0]), strict=True))
         doubled_area_m2 = sum(x1 * y2 - x2 * y1 for (x1, y1), (x2, y2) in self._edges)
+        self.area_m2: Final = abs(doubled_area_m2) / 2.0
         self._left_is_inward = 1.0 if (doubled_area_m2 > 0.0) is encloses else -1.0
         # Whether the corner where each edge begins sticks into the free side.
         self._sticks_in = tuple(

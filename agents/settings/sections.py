@@ -13,6 +13,7 @@ from estimation.vectors import Pair
 CORNERS_MAX = 256
 """Maximum of a fence or a zone: the guard evaluates every edge in every tick."""
 ZONES_MAX = 32
+ZONE_AREA_LEAST_M2 = 1.0
 """Maximum number of no-fly zones."""
 RALLY_MAX = 8
 """Maximum number of rally points."""

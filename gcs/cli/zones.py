@@ -1,5 +1,6 @@
 """`cordon zones`: fences, no-fly zones and rally points from files of other programs."""
 
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -10,6 +11,8 @@ from gcs.cli.options import RESULT, Json, MissionName, chosen_vehicle, loaded_mi
 from gcs.errors import Exit, InputError
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
+
     from estimation.frames import MissionFrame
     from gcs.mission.mission import Mission
     from gcs.zones.drawing import DrawnField
@@ -71,10 +74,15 @@ def import_zones(
             raise InputError(["--out: it needs --mission, which the zones are written into"])
         _check_new(options.out, ".toml")
     drawing = read_drawing(file)
-    frame = own_frame(drawing) if options.mission is None else _frame(loaded_mission(options.mission), options.mission)
-    layout = laid_out(drawing, frame, options.fence)
-    if options.out is not None and options.mission is not None:
-        _write(options.mission, options.out, layout)
+    if options.mission is None:
+        layout = laid_out(drawing, own_frame(drawing), options.fence)
+    else:
+        mission = loaded_mission(options.mission)
+        drawn = laid_out(drawing, _frame(mission, options.mission), options.fence)
+        layout = drawn.beside(mission.safety)
+        if options.out is not None:
+            with _explained(drawn, mission):
+                _write(options.mission, options.out, layout)
     for line in _summary(file, drawing, layout):
         print_line(line)
     if options.json:
@@ -118,6 +126,10 @@ def export_zones(mission: MissionName, /, *, options: PlanOptions) -> Exit:
     flown = loaded_mission(mission)
     vehicle = None if options.vehicle is None else chosen_vehicle(flown, options.vehicle, "--vehicle")
     _frame(flown, mission)
+    limits = flown.safety if vehicle is None else vehicle.section.limits(flown.safety)
+    if not (limits.fence_m or flown.safety.no_fly or (flown.safety.rally and vehicle is not None)):
+        step = "; next: --vehicle ID, for its spots at the rally points" if flown.safety.rally else ""
+        raise InputError([f"{mission}: it has no fence and no no-fly zones to export{step}"])
     with writing("--out", options.out), create(options.out, "xb") as file:
         file.write(plan_text(flown, vehicle).encode())
     if limited := [zone.name for zone in flown.safety.no_fly if zone.floor_m is not None or zone.ceiling_m is not None]:
@@ -143,6 +155,26 @@ def _frame(mission: "Mission", name: str) -> "MissionFrame":
     if frame.is_local:
         raise InputError([f"{name}: its frame is local, without latitude and longitude"])
     return frame
+
+
+@contextmanager
+def _explained(drawn: "Layout", mission: "Mission") -> "Iterator[None]":
+    """Add to the faults of a mission with a layout which of its zones may be the fence: that around all starts."""
+    from agents.safety.fence import Fence
+
+    try:
+        yield
+    except InputError as error:
+        starts_m = [vehicle.section.start_m for vehicle in mission.vehicles]
+        around = [
+            zone.name
+            for zone in drawn.zones
+            if not zone.radius_m and all(map(Fence(zone.corners_m).contains, starts_m))
+        ]
+        if drawn.fence is not None or not around:
+            raise
+        hint = f"'{around[0]}' covers all starts; next: if it is the area to stay in, --fence {around[0]}"
+        raise InputError([*error.placed, f"--fence: {hint}"]) from error
 
 
 def _write(mission: str, out: Path, layout: "Layout") -> None:

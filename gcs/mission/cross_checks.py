@@ -147,7 +147,7 @@ def cross_checked(sections: Mapping[str, Any], vehicles: list[LoadedVehicle | No
         yield from _inside_limits(sections, known, safety, places)
     if ring is not None and network is not None:
         yield from ring_in_range(ring, network, places)
-    yield from _located(sections.get("frame"), known)
+    yield from _located(sections.get("frame"), safety, known)
     yield from kept_up(sections.get("mission"), link)
     if link is not None:
         yield from of_another_kind(link, vehicles)
@@ -301,7 +301,9 @@ def _in_order(failsafe: FailsafeSettings | None) -> Iterator[KeyFault]:
         )
 
 
-def _located(frame: FrameSection | None, vehicles: list[tuple[int, VehicleSection]]) -> Iterator[KeyFault]:
+def _located(
+    frame: FrameSection | None, safety: SafetySettings | None, vehicles: list[tuple[int, VehicleSection]]
+) -> Iterator[KeyFault]:
     """Check that the frame has a position on Earth, or that no key depends on one."""
     if frame is None:
         return
@@ -313,6 +315,9 @@ def _located(frame: FrameSection | None, vehicles: list[tuple[int, VehicleSectio
             )
         if not frame.local and value is None:
             yield KeyFault(f"frame.{name}", "this key is missing; indoors, without GPS, write local = true instead")
+    if frame.local and safety is not None and safety.elevation is not None:
+        reason = f"a local frame has no ground in a file: leave this key or local out (given: {safety.elevation})"
+        yield KeyFault("safety.elevation", reason)
     if frame.external_positions and not frame.local:
         yield KeyFault(
             "frame.external_positions", "with a [frame] on Earth the autopilots use GPS: set local = true as well"

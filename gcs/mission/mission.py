@@ -393,6 +393,8 @@ def _stream_url(url: str) -> str:
 
 def _gimbal(value: object) -> object:
     """Return the table of a gimbal for `gimbal = true`, and none for false."""
+    if value is not None and not isinstance(value, bool | Mapping | GimbalSettings):
+        raise ValueError("it must be true, false or a table")
     return value if not isinstance(value, bool) else ({} if value else None)
 
 

@@ -76,7 +76,10 @@ def _plain(model: type[Settings], path: str, fault: ErrorDetails) -> KeyFault:
         reason = f"it holds too many numbers, more than {fault['ctx']['max_length']}"
         return KeyFault(_place(path, fault["loc"]), reason)
     pattern = fault.get("ctx", {}).get("pattern", "")
-    reason = _PATTERNS.get(pattern) or _PLAIN_WORDS.get(fault["type"]) or _pydantic_reason(fault["msg"])
+    if fault["type"] == "tuple_type" and _holds_tables(model, fault["loc"]):
+        reason = f"it must be a list of tables, each under [[{_place(path, fault['loc'])}]]"
+    else:
+        reason = _PATTERNS.get(pattern) or _PLAIN_WORDS.get(fault["type"]) or _pydantic_reason(fault["msg"])
     given = "" if fault["type"] == "missing" else f" (given: {shown(fault['input'])}{_as_degrees(last, fault)})"
     return KeyFault(_place(path, fault["loc"]), f"{reason}{given}")
 
@@ -100,11 +103,25 @@ def _place(path: str, below: Sequence[int | str]) -> str:
 
 def _known_keys(model: type[Settings], parents: Sequence[int | str]) -> list[str]:
     """Return the keys of a table below a section."""
+    return list(_model_of(model, parents).model_fields)
+
+
+def _holds_tables(model: type[Settings], place: Sequence[int | str]) -> bool:
+    """Return whether the value of a key below a section is a list of tables."""
+    *parents, key = place
+    field = _model_of(model, parents).model_fields.get(str(key))
+    return field is not None and any(
+        isinstance(kind, type) and issubclass(kind, Settings) for kind in get_args(field.annotation)
+    )
+
+
+def _model_of(model: type[Settings], parents: Sequence[int | str]) -> type[Settings]:
+    """Return the model of a table below a section."""
     for key in filter(lambda part: isinstance(part, str), parents):
         annotation = model.model_fields[str(key)].annotation
         kinds = (annotation, *get_args(annotation))
         model = next(kind for kind in kinds if isinstance(kind, type) and issubclass(kind, Settings))
-    return list(model.model_fields)
+    return model
 
 
 def shown(value: object) -> str:

@@ -5,9 +5,15 @@ from math import cos, sin, tau
 
 from agents.ring.bent_ring import Bender, waiting_places_m
 from agents.ring.place import even_places
-from agents.safety.fence import NoFlyZone
+from agents.safety.fence import Fence, NoFlyZone
 from agents.safety.routes import ZONE_MARGIN_M, heights_m, routes_between, zones_between
-from agents.settings.sections import ChoreographySettings, EncirclementSettings, NoFlySection, SafetySettings
+from agents.settings.sections import (
+    ZONE_AREA_LEAST_M2,
+    ChoreographySettings,
+    EncirclementSettings,
+    NoFlySection,
+    SafetySettings,
+)
 from gcs.errors import KeyFault
 from gcs.mission.geometry import IndexedVehicles, at, sound
 from gcs.mission.mission import TargetSection
@@ -30,7 +36,7 @@ def zones_fit(
         key = f"safety.no_fly[{i}]"
         if section.name in names[:i]:
             yield KeyFault(f"{key}.name", f"two zones have the name '{section.name}'")
-        faults = list(sound(f"{key}.polygon_m", section.polygon_m, "zone")) if section.polygon_m else []
+        faults = list(_sound(key, section)) if section.polygon_m else []
         yield from faults
         if not faults:
             zones.append((_shape_key(key, section), NoFlyZone(section)))
@@ -49,6 +55,15 @@ def zones_fit(
         weights = [each.gap for each in sections]
         room_for = even_places(weights) if places == len(weights) else float(places)
         yield from _flyable(safety, flown, vehicles, ring, target, room_for)
+
+
+def _sound(key: str, section: NoFlySection) -> Iterator[KeyFault]:
+    """Check that a polygon is one, and encloses an area."""
+    key = f"{key}.polygon_m"
+    faults = list(sound(key, section.polygon_m, "zone"))
+    yield from faults
+    if not faults and Fence(section.polygon_m).area_m2 < ZONE_AREA_LEAST_M2:
+        yield KeyFault(key, f"the zone '{section.name}' encloses less than {ZONE_AREA_LEAST_M2:g} m²")
 
 
 def _flyable(

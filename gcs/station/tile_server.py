@@ -5,7 +5,7 @@ from collections.abc import Callable
 from http.client import HTTPException
 from importlib.metadata import version
 from urllib.error import HTTPError, URLError
-from urllib.parse import urlsplit
+from urllib.parse import unquote, urlsplit
 from urllib.request import HTTPRedirectHandler, Request, build_opener
 
 from gcs.errors import InputError
@@ -14,6 +14,7 @@ from gcs.station.tiles import TILE_MAX_BYTES, TileImage, image_of
 
 FORBIDDEN = {
     "openstreetmap.org": "its tile usage policy forbids bulk download and download for use offline",
+    "osm.org": "its tile usage policy forbids bulk download and download for use offline",
     "openstreetmap.de": "its terms forbid bulk download",
     "openstreetmap.fr": "its terms forbid bulk download",
     "opentopomap.org": "its terms forbid bulk download",
@@ -65,7 +66,7 @@ class TileServer:
             raise InputError(
                 [f"--from: {template!r} lacks {{z}}, {{x}} or {{y}}, in whose place level, column and row are put"]
             )
-        self.host = parts.hostname
+        self.host = _host_asked(parts.hostname)
         for host, reason in FORBIDDEN.items():
             if self.host == host or self.host.endswith(f".{host}"):
                 step = "next: a server whose licence allows it, or a file"
@@ -115,6 +116,15 @@ class TileServer:
         if image is None:
             raise InputError([f"--from: {self.host} sends no PNG, JPEG or WebP of up to 4 MB for {address}"])
         return image
+
+
+def _host_asked(given: str) -> str:
+    """Return the name of the host that is asked: one name has several spellings; raises InputError for none."""
+    try:
+        host = unquote(given).encode("idna").decode("ascii").lower().removesuffix(".")
+    except UnicodeError as error:
+        raise InputError([f"--from: {given!r} is no name of a host: {error}"]) from error
+    return host
 
 
 def _retry_after_s(error: HTTPError, number: int) -> float:

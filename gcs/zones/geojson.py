@@ -1,6 +1,7 @@
 """GeoJSON (RFC 7946): polygons are areas, points are rally points, points with a `radius` are circles.
 
-The properties that are read: `name`, `inclusion` (true for an area to stay in), `radius`, `floor` and `ceiling` [m].
+The properties that are read: `name`, `inclusion` (true for an area to stay in), `radius`, `floor` and `ceiling` [m],
+and `kind`: points of another one than `rally` are left out, such as the starts and events of an exported flight.
 """
 
 from collections import Counter
@@ -33,6 +34,7 @@ GEOMETRIES: Final = (
 )
 KINDS: Final = ("FeatureCollection", "Feature", *GEOMETRIES)
 _WGS_84 = ("CRS84", "4326")
+_RALLY = "rally"
 _POSITIONS_LEAST = 4
 """Of a ring: three corners, and the first once more."""
 
@@ -41,7 +43,7 @@ def geojson_drawing(root: JsonNode) -> DrawnField:
     """Return what a GeoJSON text holds; raises InputError."""
     _require_wgs84(root)
     others = Counter[str]()
-    shapes = list(_shapes(root, others))
+    shapes = [each for each in _shapes(root, others) if each.is_of_a_mission(others)]
     read = collected(lambda shape: shape.read(), shapes)
     areas = tuple(each for each in read if isinstance(each, DrawnArea))
     points = tuple(each for each in read if isinstance(each, DrawnPoint))
@@ -56,6 +58,14 @@ class _Shape:
         self._properties = properties
         self._coordinates = coordinates
         self._is_polygon = is_polygon
+
+    def is_of_a_mission(self, others: Counter[str]) -> bool:
+        """Return whether this is an area or a rally point; else it is counted among the others."""
+        kind = self._property("kind")
+        if self._is_polygon or kind is None or kind.value == _RALLY or self._property("radius") is not None:
+            return True
+        others["Point"] += 1
+        return False
 
     def read(self) -> DrawnArea | DrawnPoint:
         place, name = self._coordinates.place, self._name()

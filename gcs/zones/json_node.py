@@ -73,13 +73,22 @@ def json_root(file: str, content: bytes) -> JsonNode:
     """Return the value of a JSON text; raises InputError, also for numbers that JSON does not have."""
     try:
         text = content.decode("utf-8-sig")
-        value: Any = json.loads(text, parse_constant=_refused)
+        value: Any = json.loads(text, parse_int=_whole, parse_constant=_refused)
     except json.JSONDecodeError as error:
         reason = f"it is not JSON: {error.msg} in column {error.colno} of line {error.lineno}"
         raise InputError([KeyFault(file, reason, error.lineno)]) from error
+    except UnicodeDecodeError as error:
+        raise InputError([KeyFault(file, "it is not JSON: it is no text in UTF-8")]) from error
     except ValueError as error:
         raise InputError([KeyFault(file, f"it is not JSON: {error}")]) from error
     return JsonNode(file, "", value)
+
+
+def _whole(digits: str) -> int:
+    try:
+        return int(digits)
+    except ValueError as error:  # Python converts up to 4300 digits
+        raise ValueError(f"a number has {len(digits)} digits") from error
 
 
 def _refused(constant: str) -> NoReturn:

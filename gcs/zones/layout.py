@@ -3,12 +3,14 @@
 import re
 from collections import Counter
 from collections.abc import Iterator, Sequence
+from collections.abc import Set as AbstractSet
 from dataclasses import dataclass, replace
+from itertools import count
 from math import cos, degrees, dist, hypot, pi, radians, remainder, sin, tau
 from unicodedata import normalize
 
 from agents.safety.fence import Fence
-from agents.settings.sections import CORNERS_MAX, RALLY_MAX, ZONES_MAX
+from agents.settings.sections import CORNERS_MAX, RALLY_MAX, ZONE_AREA_LEAST_M2, ZONES_MAX, SafetySettings
 from estimation.frames import Geodetic, MissionFrame
 from estimation.vectors import Pair
 from gcs.errors import InputError, KeyFault
@@ -20,7 +22,6 @@ FAR_M = 20_000.0
 """From the origin of the mission: zones beyond are left out."""
 CORNER_MAX_M = 100_000.0
 """From the origin: beyond, straight lines of the map and of the mission's plane differ by many metres."""
-AREA_LEAST_M2 = 1.0
 RADIUS_MAX_M = 10_000.0
 """Of a circle, as of a mission's zone."""
 _SAME_M = 0.01
@@ -45,10 +46,7 @@ class GroundArea:
     @property
     def area_m2(self) -> float:
         """The area of the ground that it covers."""
-        if self.radius_m:
-            return pi * self.radius_m**2
-        sides = zip(self.corners_m, (*self.corners_m[1:], self.corners_m[0]), strict=True)
-        return abs(sum(x1 * y2 - x2 * y1 for (x1, y1), (x2, y2) in sides)) / 2.0
+        return pi * self.radius_m**2 if self.radius_m else Fence(self.corners_m).area_m2
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,6 +66,16 @@ class Layout:
     points: tuple[GroundPoint, ...]
     left_out: tuple[str, ...]
 
+    def beside(self, safety: SafetySettings) -> "Layout":
+        """Return this layout with names that a mission's own zones and rally points do not have."""
+        zones = _distinct([each.name for each in self.zones], [each.name for each in safety.no_fly])
+        points = _distinct([each.name for each in self.points], [each.name for each in safety.rally])
+        return replace(
+            self,
+            zones=tuple(replace(each, name=name) for each, name in zip(self.zones, zones, strict=True)),
+            points=tuple(replace(each, name=name) for each, name in zip(self.points, points, strict=True)),
+        )
+
 
 def laid_out(drawing: DrawnField, frame: MissionFrame, fence: str | None = None) -> Layout:
     """Return a drawing in a mission's frame; `fence` names the area to stay in, also one not drawn as such.
@@ -75,8 +83,9 @@ def laid_out(drawing: DrawnField, frame: MissionFrame, fence: str | None = None)
     Zones and points beyond `FAR_M` are left out. Raises InputError with every fault: areas that cross themselves, reach
     too far away or have too many corners, several to stay in, and if nothing is near.
     """
-    inside, others, left_out = _chosen(_named(drawing.areas), fence)
-    others += _holes(inside)
+    named = _named(drawing.areas)
+    inside, others, left_out = _chosen(named, fence)
+    others += _holes(inside, [area.name for area in named])
     near = [area for area in others if _may_be_near(area.corners_deg, area.radius_m, frame)]
     ground = collected(lambda area: _area(area, frame), [*inside, *near])
     bounds, zones = ground[: len(inside)], [area for area in ground[len(inside) :] if _away_m(area) <= FAR_M]
@@ -101,7 +110,7 @@ def laid_out(drawing: DrawnField, frame: MissionFrame, fence: str | None = None)
     return Layout(
         _inscribed(bounds[0]) if bounds else None,
         tuple(zones),
-        tuple(_point(n, each, frame) for n, each in enumerate(points, start=1)),
+        _points(points, frame),
         (*drawing.left_out, *left_out),
     )
 
@@ -114,13 +123,21 @@ def own_frame(drawing: DrawnField) -> MissionFrame:
 
 def _named(areas: Sequence[DrawnArea]) -> list[DrawnArea]:
     """Return the areas with a name of their own each."""
-    names = [_mission_name(area.name) or f"zone-{n}" for n, area in enumerate(areas, start=1)]
-    often, seen = Counter(names), Counter[str]()
-    named = list[DrawnArea]()
-    for area, name in zip(areas, names, strict=True):
-        seen[name] += 1
-        named.append(replace(area, name=f"{name[: _NAME_MAX - 4]}-{seen[name]}" if often[name] > 1 else name))
-    return named
+    names = _distinct([_mission_name(area.name) or f"zone-{n}" for n, area in enumerate(areas, start=1)])
+    return [replace(area, name=name) for area, name in zip(areas, names, strict=True)]
+
+
+def _distinct(names: Sequence[str], taken: Sequence[str] = ()) -> list[str]:
+    """Return names of which none comes twice or is taken: such a one gets the first number that makes it new."""
+    often, used, distinct = Counter([*names, *taken]), {*names, *taken}, list[str]()
+    for name in names:
+        distinct.append(_numbered(name, used) if often[name] > 1 else name)
+        used.add(distinct[-1])
+    return distinct
+
+
+def _numbered(name: str, used: AbstractSet[str]) -> str:
+    return next(each for n in count(1) if (each := f"{name[: _NAME_MAX - 4]}-{n}") not in used)
 
 
 def _mission_name(name: str) -> str:
@@ -149,36 +166,39 @@ def _chosen(areas: Sequence[DrawnArea], fence: str | None) -> tuple[list[DrawnAr
 
 
 def _area(area: DrawnArea, frame: MissionFrame) -> GroundArea:
-    corners = _without_repeats([_place_m(area.place, each, frame) for each in area.corners_deg])
-    ground = GroundArea(area.name, tuple(corners), area.radius_m, area.floor_m, area.ceiling_m)
+    places = [_place_m(area.place, each, frame) for each in area.corners_deg]
+    kept = _without_repeats(places)
+    corners = tuple(places[at] for at in kept)
+    ground = GroundArea(area.name, corners, area.radius_m, area.floor_m, area.ceiling_m)
     if area.floor_m is not None and area.ceiling_m is not None and area.floor_m >= area.ceiling_m:
         reason = f"its floor of {area.floor_m:g} m is not below its ceiling of {area.ceiling_m:g} m"
         raise InputError([KeyFault(area.place, reason)])
     if not area.radius_m:
-        _require_sound(area, ground)
+        _require_sound(area, ground, kept)
     elif area.radius_m > RADIUS_MAX_M:
         raise InputError([KeyFault(area.place, f"a radius is at most {RADIUS_MAX_M:g} m (given: {area.radius_m:g})")])
     return ground
 
 
-def _require_sound(area: DrawnArea, ground: GroundArea) -> None:
-    count = len(ground.corners_m)
-    if count > CORNERS_MAX:
-        reason = f"an area has at most {CORNERS_MAX} corners (given: {count}); next: simplify it"
+def _require_sound(area: DrawnArea, ground: GroundArea, kept: Sequence[int]) -> None:
+    """Raise InputError unless the outline on the ground, whose corners are those `kept` of the drawn ones, is one."""
+    corners = len(ground.corners_m)
+    if corners > CORNERS_MAX:
+        reason = f"an area has at most {CORNERS_MAX} corners (given: {corners}); next: simplify it"
         raise InputError([KeyFault(area.place, reason)])
-    crossed = Fence(ground.corners_m).crossed_edges() if count >= 3 else None
+    crossed = Fence(ground.corners_m).crossed_edges() if corners >= 3 else None
     if crossed is not None:
-        one, other = (_degrees_text(area.corners_deg[at]) for at in crossed)
-        reason = (
-            f"it crosses itself: the edges from corner {crossed[0]}, {one}, and from corner {crossed[1]}, {other}, meet"
-        )
+        one, other = (f"{kept[at]}, {_degrees_text(area.corners_deg[kept[at]])}" for at in crossed)
+        reason = f"it crosses itself: the edges from corner {one}, and from corner {other}, meet"
         raise InputError([KeyFault(area.place, reason)])
-    if count < 3 or ground.area_m2 < AREA_LEAST_M2:
-        raise InputError([KeyFault(area.place, f"its outline encloses less than {AREA_LEAST_M2:g} m²")])
+    if corners < 3 or ground.area_m2 < ZONE_AREA_LEAST_M2:
+        raise InputError([KeyFault(area.place, f"its outline encloses less than {ZONE_AREA_LEAST_M2:g} m²")])
 
 
-def _point(number: int, point: DrawnPoint, frame: MissionFrame) -> GroundPoint:
-    return GroundPoint(_mission_name(point.name) or f"rally-{number}", _place_m(point.place, point.place_deg, frame))
+def _points(points: Sequence[DrawnPoint], frame: MissionFrame) -> tuple[GroundPoint, ...]:
+    names = _distinct([_mission_name(each.name) or f"rally-{n}" for n, each in enumerate(points, start=1)])
+    placed = (_place_m(each.place, each.place_deg, frame) for each in points)
+    return tuple(map(GroundPoint, names, placed))
 
 
 def _filled(area: DrawnArea) -> str:
@@ -211,17 +231,21 @@ def _origin_text(frame: MissionFrame) -> str:
     return "" if origin is None else f", {_degrees_text((origin.latitude_deg, origin.longitude_deg))}"
 
 
-def _without_repeats(corners: Sequence[Pair]) -> Iterator[Pair]:
-    for before, corner in zip((corners[-1], *corners[:-1]), corners, strict=True):
-        if len(corners) == 1 or dist(before, corner) >= _SAME_M:
-            yield corner
+def _without_repeats(corners: Sequence[Pair]) -> list[int]:
+    """Return the places in the sequence of the corners that do not repeat the one before."""
+    if len(corners) == 1:
+        return [0]
+    befores = (corners[-1], *corners[:-1])
+    pairs = enumerate(zip(befores, corners, strict=True))
+    return [at for at, (before, corner) in pairs if dist(before, corner) >= _SAME_M]
 
 
-def _holes(inside: Sequence[DrawnArea]) -> Iterator[DrawnArea]:
-    """Yield the inner outlines of the fence as no-fly zones."""
+def _holes(inside: Sequence[DrawnArea], taken: Sequence[str]) -> Iterator[DrawnArea]:
+    """Yield the inner outlines of the fence as no-fly zones, by names that are not taken."""
     for area in inside:
-        for n, hole in enumerate(area.holes, start=1):
-            yield DrawnArea(place=area.place, corners_deg=hole, name=f"{area.name[: _NAME_MAX - 9]}-inner-{n}")
+        names = [f"{area.name[: _NAME_MAX - 9]}-inner-{n}" for n in range(1, len(area.holes) + 1)]
+        for hole, name in zip(area.holes, _distinct(names, taken), strict=True):
+            yield DrawnArea(place=area.place, corners_deg=hole, name=name)
 
 
 def _inscribed(fence: GroundArea | None) -> GroundArea | None:

@@ -12,6 +12,7 @@ from gcs.zones.plan_file import FILE_TYPE, plan_drawing
 
 BYTES_MAX = 8_000_000
 _KNOWN = "a QGroundControl .plan, KML or GeoJSON is read"
+_JSON = {".plan": "a QGroundControl plan", ".geojson": "GeoJSON"}
 
 
 def read_drawing(path: Path) -> DrawnField:
@@ -38,7 +39,16 @@ def read_drawing(path: Path) -> DrawnField:
 def _parsed(file: str, start: bytes, content: bytes) -> DrawnField:
     if start.startswith((b"<", b"\xff\xfe", b"\xfe\xff")):
         return kml_drawing(file, content)
-    root = json_root(file, content)
+    try:
+        root = json_root(file, content)
+    except InputError as error:
+        if Path(file).suffix.lower() == ".kml":
+            raise InputError([KeyFault(file, "it is not KML: it does not begin with '<'")]) from error
+        if named := _JSON.get(Path(file).suffix.lower()):
+            raise InputError(
+                [each._replace(reason=f"it is not {named}: {each.reason}") for each in error.placed]
+            ) from error
+        raise
     if not isinstance(root.value, dict):
         raise root.fault(f"its content is no object; {_KNOWN}")
     if "fileType" in root.value or "geoFence" in root.value:

@@ -9,7 +9,7 @@ from xml.etree import ElementTree
 from xml.etree.ElementTree import Element, SubElement
 
 from estimation.frames import Geodetic
-from gcs.report.maps.mapped_flight import MapLine, MappedFlight, MapPoint, MapTrack, timestamp
+from gcs.report.maps.mapped_flight import MapLine, MappedFlight, MapPoint, MapTrack, MapZone, timestamp
 
 KML: Final = "http://www.opengis.net/kml/2.2"
 KML_TRACKS: Final = "http://www.google.com/kml/ext/2.2"
@@ -29,11 +29,11 @@ def kml(flight: MappedFlight) -> bytes:
     _text(document, "description", f"flight of {timestamp(flight.began_s)}; heights are above mean sea level")
     for track in flight.tracks:
         _style(document, track.name, track.colour, _TRACK_PX)
-    for line in (*flight.rings, *flight.fences):
+    for line in (*flight.rings, *flight.bounds):
         _style(document, line.name, line.colour, _LINE_PX)
     _add_tracks(document, flight.tracks)
     _add_lines(document, "rings", flight.rings, "absolute")
-    _add_lines(document, "fences", flight.fences, "clampToGround")
+    _add_lines(document, "fences", flight.bounds, "clampToGround")
     _add_points(document, "starts", flight.starts)
     _add_points(document, "events", flight.events)
     return _xml(root)
@@ -49,7 +49,7 @@ def gpx(flight: MappedFlight) -> bytes:
         shown = _gpx_point(root, "wpt", point.place, point.unix_s)
         _text(shown, "name", point.name)
         _text(shown, "type", point.kind)
-    for line in (*flight.rings, *flight.fences):
+    for line in (*flight.rings, *flight.bounds):
         route = SubElement(root, "rte")
         _text(route, "name", line.name)
         for each in _closed(line):
@@ -67,12 +67,14 @@ def gpx(flight: MappedFlight) -> bytes:
 def geojson(flight: MappedFlight) -> bytes:
     """Return a flight as GeoJSON: longitude and latitude, and beside them times and heights above mean sea level.
 
-    The third coordinate of RFC 7946 is a height above the ellipsoid, which is not known, and is left out.
+    Fences and no-fly zones have the properties that `gcs.zones.geojson` reads. The third coordinate of RFC 7946 is a
+    height above the ellipsoid, which is not known, and is left out.
     """
     features = chain(
         map(_track_feature, flight.tracks),
-        (_line_feature("ring", each, "LineString", _closed(each)) for each in flight.rings),
-        (_line_feature("fence", each, "Polygon", _counter_clockwise(each)) for each in flight.fences),
+        map(_ring_feature, flight.rings),
+        (_bound_feature("fence", each, {"name": each.name, "inclusion": True}) for each in flight.fences),
+        map(_zone_feature, flight.zones),
         map(_point_feature, (*flight.starts, *flight.events)),
     )
     collection = {"type": "FeatureCollection", "features": list(features)}
@@ -204,10 +206,22 @@ def _track_feature(track: MapTrack) -> dict[str, object]:
     return _feature("target" if track.vehicle is None else "vehicle", geometry, properties)
 
 
-def _line_feature(kind: str, line: MapLine, shape: str, places: tuple[Geodetic, ...]) -> dict[str, object]:
-    coordinates = list(map(_lon_lat, places))
-    geometry = {"type": shape, "coordinates": [coordinates] if shape == "Polygon" else coordinates}
-    return _feature(kind, geometry, {"name": line.name, "height_amsl_m": list(map(_height, places))})
+def _ring_feature(ring: MapLine) -> dict[str, object]:
+    places = _closed(ring)
+    geometry = {"type": "LineString", "coordinates": list(map(_lon_lat, places))}
+    return _feature("ring", geometry, {"name": ring.name, "height_amsl_m": list(map(_height, places))})
+
+
+def _zone_feature(zone: MapZone) -> dict[str, object]:
+    heights = {"floor": zone.floor_m, "ceiling": zone.ceiling_m}
+    limits = {key: height_m for key, height_m in heights.items() if height_m is not None}
+    return _bound_feature("no_fly", zone.outline, {"name": zone.name, "inclusion": False, **limits})
+
+
+def _bound_feature(kind: str, outline: MapLine, properties: Mapping[str, object]) -> dict[str, object]:
+    places = _counter_clockwise(outline)
+    geometry = {"type": "Polygon", "coordinates": [list(map(_lon_lat, places))]}
+    return _feature(kind, geometry, {**properties, "height_amsl_m": list(map(_height, places))})
 
 
 def _point_feature(point: MapPoint) -> dict[str, object]:

@@ -55,11 +55,21 @@ class MapTrack:
 
 @dataclass(frozen=True, slots=True)
 class MapLine:
-    """A closed line, whose first place is not repeated: a ring or a fence. Its colour is `#RRGGBB`."""
+    """A closed line, whose first place is not repeated: a ring, a fence or a zone. Its colour is `#RRGGBB`."""
 
     name: str
     colour: str
     places: tuple[Geodetic, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class MapZone:
+    """A no-fly zone by its outline on the ground. Heights are above the mission's origin, None without a limit."""
+
+    name: str
+    floor_m: float | None
+    ceiling_m: float | None
+    outline: MapLine
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,8 +94,14 @@ class MappedFlight:
     targets: tuple[MapTrack, ...]
     rings: tuple[MapLine, ...]
     fences: tuple[MapLine, ...]
+    zones: tuple[MapZone, ...]
     starts: tuple[MapPoint, ...]
     events: tuple[MapPoint, ...]
+
+    @property
+    def bounds(self) -> tuple[MapLine, ...]:
+        """The outlines of fences and no-fly zones."""
+        return (*self.fences, *(each.outline for each in self.zones))
 
     @property
     def tracks(self) -> tuple[MapTrack, ...]:
@@ -127,6 +143,7 @@ def mapped_flight(log: FlightLog, progress: Progress) -> MappedFlight:
         tuple(_targets(mission, record, start_s, earth)),
         tuple(_rings(mission, record, earth)),
         tuple(_fences(mission, earth)),
+        tuple(_zones(mission, earth)),
         tuple(_starts(mission, log.run.vehicles, earth)),
         tuple(_events(record, start_s, {each.vehicle: each for each in tracks}, earth)),
     )
@@ -208,7 +225,7 @@ def _circle_m(centre_m: Triple, ring: DesiredRing) -> Iterator[Triple]:
 
 
 def _fences(mission: Mission, earth: _Earth) -> Iterator[MapLine]:
-    """Return the fences on the ground, each with the vehicles that it encloses, and the no-fly zones."""
+    """Return the fences on the ground, each with the vehicles that it encloses."""
     inside: dict[tuple[tuple[float, float], ...], list[int]] = {}
     for vehicle in mission.vehicles:
         if corners_m := vehicle.section.limits(mission.safety).fence_m:
@@ -216,8 +233,14 @@ def _fences(mission: Mission, earth: _Earth) -> Iterator[MapLine]:
     for corners_m, vehicles in inside.items():
         name = "fence" if len(inside) == 1 else f"fence of {named(vehicles)}"
         yield MapLine(name, FAIL, tuple(earth.place((x, y, 0.0)) for x, y in corners_m))
-    for zone, outline_m in zip(mission.safety.no_fly, shapes_of(mission.safety.no_fly, 0.0), strict=True):
-        yield MapLine(f"no-fly zone {zone.name}", FAIL, tuple(earth.place((x, y, 0.0)) for x, y in outline_m.tolist()))
+
+
+def _zones(mission: Mission, earth: _Earth) -> Iterator[MapZone]:
+    zones = mission.safety.no_fly
+    for zone, outline_m in zip(zones, shapes_of(zones, 0.0), strict=True):
+        places = tuple(earth.place((x, y, 0.0)) for x, y in outline_m.tolist())
+        outline = MapLine(f"no-fly zone {zone.name}", FAIL, places)
+        yield MapZone(zone.name, zone.floor_m, zone.ceiling_m, outline)
 
 
 def _starts(mission: Mission, vehicles: Sequence[int], earth: _Earth) -> Iterator[MapPoint]:

@@ -338,6 +338,11 @@ BAD: dict[str, tuple[Content, list[tuple[str, str]]]] = {
     ),
     "no vehicles": (changed((("vehicles",), [])), [("vehicles", "[[vehicles]]")]),
     "one vehicle, not a list of them": (changed((("vehicles",), {"id": 1})), [("vehicles", "[[vehicles]]")]),
+    "one zone, not a list of them": (
+        changed((("safety", "no_fly"), {"name": "mast"})),
+        [("safety.no_fly", "list of tables, each under [[safety.no_fly]]")],
+    ),
+    "a gimbal that is a number": (changed((("vehicles", 0, "gimbal"), 1)), [("vehicles[0].gimbal", "true")]),
     "nothing at all": (
         {},
         [(name, "missing") for name in ("mission", "frame", "formation", "encirclement", "target")]
@@ -518,3 +523,10 @@ def test_addresses_follow_the_id_unless_given() -> None:
         (each.section.url, each.section.endpoint) for each in load_mission("case2").vehicles
     ]
     assert faults(drop(bare, ("vehicles", 1, "id"))) == ["vehicles[1].id: this key is missing"]
+
+
+def test_a_number_of_thousands_of_digits_is_named_by_its_line() -> None:
+    with pytest.raises(MissionError) as caught:
+        parse_mission(f"[mission]\nduration_s = {'1' * 5000}\n\n[frame]\nlocal = true\n", None)
+    assert "line 2" in str(caught.value)
+    assert "set_int_max_str_digits" not in str(caught.value)

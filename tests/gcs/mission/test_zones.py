@@ -45,6 +45,11 @@ REFUSED: dict[str, tuple[dict[str, object], str, tuple[str, ...]]] = {
     "two corners": ({"polygon_m": SQUARE[:2]}, "safety.no_fly[0].polygon_m", ("3", "2")),
     "equal corners": ({"polygon_m": [SQUARE[0], SQUARE[0], SQUARE[1]]}, "safety.no_fly[0].polygon_m", ("the same",)),
     "not a number": ({"center_m": [float("nan"), 0.0], "radius_m": 1.0}, "safety.no_fly[0].center_m[0]", ("nan",)),
+    "no area": (
+        {"polygon_m": [SQUARE[0], [22.0, -20.0], SQUARE[1], [22.0, -19.9]]},
+        "safety.no_fly[0].polygon_m",
+        ("'mast'", "less than 1 m²"),
+    ),
     "no shape": ({}, "safety.no_fly[0]", ("polygon_m", "center_m")),
     "both shapes": (
         {"polygon_m": SQUARE, "center_m": [0.0, 60.0], "radius_m": 1.0},

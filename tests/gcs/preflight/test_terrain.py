@@ -1,7 +1,8 @@
 """Heights above ground: on a plane that rises to the east, whose heights are known everywhere."""
 
+import re
 from dataclasses import replace
-from math import cos, radians
+from math import cos, floor, radians
 from pathlib import Path
 
 import numpy as np
@@ -9,10 +10,11 @@ import pytest
 
 from gcs.errors import InputError
 from gcs.mission.elevation import Elevation, read_elevation
-from gcs.mission.file import load_mission
+from gcs.mission.file import load_mission, parse_mission
 from gcs.mission.mission import Mission
 from gcs.preflight.findings import Finding, Grade
 from gcs.preflight.terrain import terrain
+from tests.support.mission_text import CASE2
 from tests.support.wording import facts_missing
 
 DEGREE_M = 111_195.0
@@ -75,3 +77,34 @@ def test_a_file_that_is_none_is_refused(tmp_path: Path, subtests: pytest.Subtest
     elsewhere = found(load_mission("case2"), tmp_path, elevation="N47E009.hgt")
     assert {finding.grade for finding in elsewhere} == {Grade.WARNING}
     assert facts_missing(elsewhere[0].found, "47.397", "8.545", "not in N47E009.hgt") == []
+
+
+def test_places_with_ground_are_judged_beside_those_without(tmp_path: Path) -> None:
+    """On a slope of 8 %, 8 m leave 3 m of height after 62 m east; from the sample there on, 81 m east, are voids."""
+    heights = np.frombuffer(plane(tmp_path / "N47E008.hgt", 0.08).read_bytes(), ">i2").reshape(1201, 1201).copy()
+    heights[:, floor(0.545594 * 1200) + 3 :] = -32768
+    (tmp_path / "N47E008.hgt").write_bytes(heights.tobytes())
+    mission = load_mission("case2")
+    findings = [each for each in found(mission, tmp_path) if each.about == mission.ids[0]]
+    assert [each.grade for each in findings] == [Grade.WARNING, Grade.REFUSE]
+    assert facts_missing(findings[0].found, "not in N47E008.hgt") == []
+    assert facts_missing(findings[1].found, "required 3 m") == []
+
+
+def test_places_beyond_the_fence_are_not_judged(tmp_path: Path) -> None:
+    """The ground rises by 10 %: at 8 m it is met after 80 m, and the fence ends after 45 m."""
+    plane(tmp_path / "N47E008.hgt", 0.1)
+    mission = load_mission("case2")
+    fence_m = ((-20.0, -60.0), (45.0, -60.0), (45.0, 60.0), (-20.0, 60.0))
+    assert {each.grade for each in found(mission, tmp_path)} == {Grade.REFUSE}
+    fenced = found(mission, tmp_path, fence_m=fence_m)
+    assert {each.grade for each in fenced} == {Grade.PASS}
+    assert facts_missing(fenced[0].found, "at (45, ") == []
+
+
+def test_a_local_frame_has_no_elevation() -> None:
+    local = re.sub(r"\[frame\][^\[]*", "[frame]\nlocal = true\n\n", CASE2)
+    assert parse_mission(local, None).frame.local
+    with pytest.raises(InputError) as caught:
+        parse_mission(local.replace("[safety]\n", '[safety]\nelevation = "N47E008.hgt"\n'), None)
+    assert facts_missing(str(caught.value), "safety.elevation", "local") == []

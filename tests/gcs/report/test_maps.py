@@ -19,6 +19,8 @@ from gcs.flightlog.records import Truth
 from gcs.flightlog.run import mission_of, unix_offset_s
 from gcs.report.maps.formats import FORMATS
 from gcs.report.maps.mapped_flight import mapped_flight
+from gcs.zones.layout import laid_out
+from gcs.zones.reading import read_drawing
 from tests.conftest import RunHere
 from tests.support.flight_logs import engaging, record_simulation, rewrite
 
@@ -222,6 +224,23 @@ def test_ring_fence_and_starts_are_where_the_mission_has_them(log: FlightLog, dr
     starts = [mission_m(log, place) for _, place in drawn.starts]
     for vehicle, start_m in zip(mission.vehicles, starts, strict=True):
         assert start_m == pytest.approx((*vehicle.section.start_m, 0.0), abs=3e-3)
+
+
+def test_an_exported_fence_and_zone_are_imported_as_the_mission_has_them(tmp_path: Path) -> None:
+    """A new mission takes them from the flight; starts and events are no rally points."""
+    zone = {"name": "mast", "polygon_m": [[80.0, 30.0], [88.0, 30.0], [88.0, 36.0]], "floor_m": 2.0, "ceiling_m": 40.5}
+    changes = (*CHANGES, (("safety", "no_fly"), [zone]))
+    record_simulation(engaging("case2-field", *changes), tmp_path / "flight.mcap", duration_s=2.0)
+    log = read_log(tmp_path / "flight.mcap")
+    (tmp_path / "flight.geojson").write_bytes(FORMATS["geojson"](mapped_flight(log, lambda _share: None)))
+    again = laid_out(read_drawing(tmp_path / "flight.geojson"), mission_of(log).mission_frame())
+    assert again.fence is not None
+    assert sorted(again.fence.corners_m) == [pytest.approx(corner, abs=0.02) for corner in sorted(FENCE_M)]
+    (mast,) = again.zones
+    assert (mast.name, mast.floor_m, mast.ceiling_m, len(mast.corners_m)) == ("mast", 2.0, 40.5, 3)
+    assert mast.area_m2 == pytest.approx(24.0, abs=0.5)
+    assert again.points == ()
+    assert any("Point" in each for each in again.left_out)
 
 
 def test_events_are_where_their_vehicles_were(log: FlightLog, drawn: Drawn) -> None:

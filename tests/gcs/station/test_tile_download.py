@@ -153,6 +153,11 @@ def test_an_area_is_cut_out_of_a_file(tmp_path: Path, run_here: RunHere, monkeyp
 REFUSED: tuple[tuple[str, tuple[str, ...]], ...] = (
     ("{box} --from https://tile.openstreetmap.org/{{z}}/{{x}}/{{y}}.png", ("tile.openstreetmap.org", "policy", "file")),
     ("{box} --from https://a.tile.OpenStreetMap.org/{{z}}/{{x}}/{{y}}.png", ("openstreetmap.org", "policy")),
+    ("{box} --from https://a.tile.openstreetmap.org./{{z}}/{{x}}/{{y}}.png", ("openstreetmap.org", "policy")),
+    ("{box} --from https://tile.%6Fpenstreetmap.org/{{z}}/{{x}}/{{y}}.png", ("openstreetmap.org", "policy")),
+    ("{box} --from https://tile.\uff4fpenstreetmap.org/{{z}}/{{x}}/{{y}}.png", ("openstreetmap.org", "policy")),
+    ("{box} --from https://tile.osm.org/{{z}}/{{x}}/{{y}}.png", ("osm.org", "policy")),
+    ("{box} --from https://tiles..example/{{z}}/{{x}}/{{y}}.png", ("--from", "tiles..example")),
     ("{box} --from https://mt1.google.com/vt/x={{x}}&y={{y}}&z={{z}}", ("google.com", "offline")),
     ("{box} --from https://tiles.example/{{z}}/{{x}}.png", ("--from", "{y}")),
     ("{box} --from ftp://tiles.example/{{z}}/{{x}}/{{y}}.png", ("--from", "ftp://")),

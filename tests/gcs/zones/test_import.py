@@ -162,6 +162,76 @@ def test_an_exported_plan_is_read_as_the_mission_has_it(
     assert (code, "exists" in err) == (2, True)
 
 
+def box(x: float, y: float) -> tuple[Place, ...]:
+    return ((x, y), (x + 8.0, y), (x + 8.0, y + 8.0), (x, y + 8.0))
+
+
+def features(areas: dict[str, list[tuple[Place, ...]]], points: dict[str, list[Place]]) -> str:
+    """Return areas and points by their names as GeoJSON; the area `field` is the fence, with a hole."""
+    drawn = [
+        feature(name, {"type": "Polygon", "coordinates": [ring(corners), *holes]}, inclusion=name == "field")
+        for name, shapes in areas.items()
+        for corners in shapes
+        for holes in ([ring(box(100.0, 100.0))] if name == "field" else [],)
+    ]
+    drawn += [
+        feature(name, {"type": "Point", "coordinates": degrees_of(place)[::-1]})
+        for name, places in points.items()
+        for place in places
+    ]
+    return json.dumps({"type": "FeatureCollection", "features": drawn})
+
+
+def feature(name: str, geometry: dict[str, object], **properties: object) -> dict[str, object]:
+    return {"type": "Feature", "properties": {"name": name, **properties}, "geometry": geometry}
+
+
+def test_names_are_made_distinct_from_each_other_and_from_those_of_the_mission(
+    tmp_path: Path, run_here: RunHere, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    a, hole = [box(200.0, 60.0), box(220.0, 60.0)], box(200.0, 90.0)
+    areas = {"field": [FENCE_M], "a": a, "a-1": [box(240.0, 60.0)], "field-inner-1": [hole]}
+    Path("f.json").write_text(features(areas, {"road": [(-30.0, 40.0), (-30.0, -40.0)]}), encoding="utf-8")
+    code, _, err = run_here("zones", "import", "f.json", "--mission", "case2", "--out", "1.toml")
+    assert code == 0, err
+    first = load_mission("1.toml").safety
+    assert [each.name for each in first.no_fly] == ["a-2", "a-3", "a-1", "field-inner-1", "field-inner-1-1"]
+    assert [each.name for each in first.rally] == ["road-1", "road-2"]
+    Path("f.plan").write_text(plan(), encoding="utf-8")
+    assert run_here("zones", "import", "f.plan", "--mission", "case2", "--out", "2.toml")[0] == 0
+    code, out, err = run_here("zones", "import", "f.plan", "--mission", "2.toml")
+    assert code == 0, err
+    added = tomllib.loads(out)["safety"]
+    assert [each["name"] for each in added["no_fly"]] == ["zone-2-1", "zone-3-1"]
+    assert [each["name"] for each in added["rally"]] == ["rally-1-1"]
+
+
+def test_an_area_around_all_starts_may_be_the_fence(
+    tmp_path: Path, run_here: RunHere, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("f.kml").write_text(kml(), encoding="utf-8")
+    code, _, err = run_here("zones", "import", "f.kml", "--mission", "case2", "--out", "my.toml")
+    assert code == 2
+    assert facts_missing(err, "start_m", "'Feld-Wald'", "--fence Feld-Wald") == [], err
+    assert (
+        run_here("zones", "import", "f.kml", "--mission", "case2", "--out", "my.toml", "--fence", "Feld-Wald").code == 0
+    )
+
+
+def test_a_mission_without_areas_is_not_exported(
+    tmp_path: Path, run_here: RunHere, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    code, _, err = run_here("zones", "export", "case2", "--out", "out.plan")
+    assert (code, facts_missing(err, "case2", "no fence")) == (2, [])
+    Path("my.toml").write_text(f'{CASE2}\n[[safety.rally]]\nname = "road"\nplace_m = [-30.0, 40.0]\n')
+    code, _, err = run_here("zones", "export", "my.toml", "--out", "out.plan")
+    assert (code, facts_missing(err, "--vehicle ID"), Path("out.plan").exists()) == (2, [], False)
+    assert run_here("zones", "export", "my.toml", "--out", "out.plan", "--vehicle", "1").code == 0
+
+
 def crossing() -> dict[str, object]:
     corners = [degrees_of(HOUSE_M[at]) for at in (0, 2, 1, 3)]
     return {"polygons": [{"inclusion": False, "polygon": corners, "version": 1}], "version": 2}
@@ -187,6 +257,10 @@ REFUSED: dict[str, tuple[str, tuple[str, ...]]] = {
     "crosses itself": (
         plan(geoFence=crossing()),
         ("geoFence.polygons[0]", "crosses itself", "47.397022, 8.547978", "47.397202"),
+    ),
+    "crosses itself after a repeated corner": (
+        plan(geoFence=polygon([degrees_of(HOUSE_M[at]) for at in (0, 0, 0, 2, 1, 3)])),
+        ("corner 0, 47.397022, 8.547978", "corner 4, 47.397202"),
     ),
     "no place on Earth": (
         plan(geoFence=polygon([[47.4, 8.5], [120.5, 8.5], [47.4, 8.6]])),
@@ -215,6 +289,7 @@ REFUSED: dict[str, tuple[str, tuple[str, ...]]] = {
     "NaN": (plan().replace("15.5", "NaN"), ("f.plan", "NaN is not a number")),
     "beyond numbers": (plan().replace("15.5", "1" + "0" * 400), ("circles[0].circle.radius", "a radius")),
     "an infinite radius": (plan().replace("15.5", "1e999"), ("circles[0].circle.radius", "inf")),
+    "thousands of digits": (plan().replace("15.5", "1" * 5000), ("not a QGroundControl plan", "5000 digits")),
     "broken JSON": (plan()[:-40], ("f.plan", "not JSON", "line 1")),
     "nested without end": (
         '{"type": "Feature", "geometry": ' + '{"type": "GeometryCollection", "geometries": [' * 5000,
@@ -256,6 +331,16 @@ def test_what_cannot_be_read_is_named_with_file_place_and_value(
             code, out, err = run_here("zones", "import", "f.plan", "--mission", "case2")
             assert (code, out) == (2, "")
             assert facts_missing(err, *words) == [], err
+    for file, content, words in (
+        ("f.plan", b"\xb4\x00\xff", ("not a QGroundControl plan", "no text in UTF-8")),
+        ("f.kml", b"hello", ("f.kml: it is not KML",)),
+        ("f.txt", b"hello", ("f.txt: it is not JSON",)),
+    ):
+        with subtests.test(f"{file}, other content"):
+            Path(file).write_bytes(content)
+            code, out, err = run_here("zones", "import", file)
+            assert (code, out, facts_missing(err, *words)) == (2, "", []), err
+            assert ("JSON" in err) is (file != "f.kml")
     with subtests.test("large"), Path("f.plan").open("wb") as file:
         file.truncate(100_000_000)
         assert run_here("zones", "import", "f.plan") == (2, "", f"f.plan: it is larger than {BYTES_MAX // 1000} kB\n")
