@@ -67,7 +67,7 @@ class Reference(msgspec.Struct, frozen=True):
     jumped_m: Triple = (0.0, 0.0, 0.0)
 
 
-class VehicleStatus(AutopilotReport, frozen=True):
+class VehicleStatus(AutopilotReport, frozen=True, omit_defaults=False):
     """The status that a vehicle's autopilot reports, except its motion.
 
     `battery` is a fraction. What is unknown is None, or empty: `endurance_s` is the flight time until the battery is

@@ -23,11 +23,11 @@ from estimation.vectors import Pair
 
 BEARINGS: Final = 360
 _STEP_RAD = tau / BEARINGS
-_WIDTHS: Final = (9, 12, 16, 21, 28, 37, 50, 66, 88)
+_WIDTHS = (9, 12, 16, 21, 28, 37, 50, 66, 88)
 """In steps: the angles over which a bend may begin and end."""
 _SIDES_MAX = 8
 """With more zones on the ring, it passes all of them on one side."""
-_ACCELERATION_SHARES: Final = (0.5, 0.8)
+_ACCELERATION_SHARES = (0.5, 0.8)
 """The shares of the acceleration that a bend may take: the second one if there is none with the first. The rest is for
 corrections.
 """

@@ -31,6 +31,8 @@ _GRID_M = 1e-3
 WAY_SHARE: Final = 0.7
 """The share of its speed limit at which a vehicle flies around zones to a ring."""
 REACHED_M = 1.0
+DETOUR: Final = 2.0
+"""A narrow way, in which the guard slows the vehicle down, is flown if any other is so many times as long."""
 _GOAL_MOVED_M = 0.5
 
 
@@ -245,7 +247,13 @@ class Way:
     def _find(self, here_m: Pair, goals_m: tuple[Pair, ...]) -> None:
         self._goals_m, self._found_in = goals_m, self.routes
         self._places_m = list(self.routes.way_m(here_m, goals_m))
-        if not self._places_m:
-            self._found_in = self.routes.narrow
-            self._places_m = list(self._found_in.way_m(here_m, goals_m))
-        self.length_m = sum(map(dist, [here_m, *self._places_m], self._places_m))
+        self.length_m = _length_m(here_m, self._places_m)
+        if not self._places_m or self.length_m > DETOUR * dist(here_m, self._places_m[-1]):
+            narrow = list(self.routes.narrow.way_m(here_m, goals_m))
+            length_m = _length_m(here_m, narrow)
+            if narrow and (not self._places_m or DETOUR * length_m < self.length_m):
+                self._found_in, self._places_m, self.length_m = self.routes.narrow, narrow, length_m
+
+
+def _length_m(here_m: Pair, places_m: Sequence[Pair]) -> float:
+    return sum(map(dist, [here_m, *places_m], places_m))

@@ -394,13 +394,13 @@ class CameraView(msgspec.Struct, frozen=True):
     view_rad: _Angle
 
 
-class AutopilotReport(msgspec.Struct, frozen=True):
+class AutopilotReport(msgspec.Struct, frozen=True, omit_defaults=True):
     """What operators and observers see of an autopilot's own report: a part of its status, sent and shown as it is.
 
     `battery` is a fraction, `endurance_s` its estimate of the flight time until the battery is empty, `gps_dimensions`
     the type of the fix (0 without one, 2 or 3), with the number of `satellites`, `wind_m_s` the estimated horizontal
-    wind, `camera` where a camera looks that the mission points. None is unknown. A new field has to be `Added` to the
-    report.
+    wind, `camera` where a camera looks that the mission points. None is unknown, and left out of pages. A new field has
+    to be `Added` to the report.
     """
 
     battery: Annotated[float, Within(0.0, 1.0), Unit(1e4)] | None = None

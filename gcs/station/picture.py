@@ -172,7 +172,7 @@ class TeamPicture(_Picture, frozen=True, tag="team"):
     until the next messages.
 
     With several rings `target` and `ring` are None: `targets` and `rings` have those of all, in the mission's order.
-    `traffic` are aircraft outside the team that a vehicle has received in flight.
+    `traffic` are aircraft outside the team that a vehicle has received in flight; it is missing without any.
     """
 
     time_s: float | None
@@ -187,7 +187,7 @@ class TeamPicture(_Picture, frozen=True, tag="team"):
     ring: RingValues | None = None
     targets: tuple[TargetPicture | None, ...] | UnsetType = UNSET
     rings: tuple[RingValues | None, ...] | UnsetType = UNSET
-    traffic: tuple[TrafficPicture, ...] = ()
+    traffic: tuple[TrafficPicture, ...] | UnsetType = UNSET
 
 
 class EventPicture(_Picture, frozen=True, tag="event"):

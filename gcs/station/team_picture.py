@@ -233,7 +233,7 @@ class TeamPictures:
             None if self._rings else rings[0],
             targets if self._rings else UNSET,
             rings if self._rings else UNSET,
-            self._traffic.pictures(now_s),
+            self._traffic.pictures(now_s) or UNSET,
         )
 
     def _commanded_ring(self, number: int) -> RingValues | None:

@@ -81,7 +81,7 @@ def test_what_is_touched_is_large_enough_and_many_events_take_no_room_from_the_m
 ) -> None:
     with CannedStation(MISSION, every_state) as served:
         page = open_page(served.url, viewport=WIDE)
-        expect(page.locator("#verbs button")).to_have_count(7)
+        expect(page.locator("#verbs button")).to_have_count(8)
         expect(page.locator("#alarms li")).to_have_count(1)
         for size in (PHONE, WIDE):
             with subtests.test(width=size["width"]):
@@ -111,7 +111,7 @@ def test_what_is_touched_is_large_enough_and_many_events_take_no_room_from_the_m
 def test_commands_by_keyboard_alone_and_the_theme_is_switched_and_kept(open_page: OpenPage) -> None:
     with CannedStation(MISSION, every_state) as served:
         page = open_page(served.url, color_scheme="light", script=NO_WEBGL)
-        expect(page.locator("#verbs button")).to_have_count(7)
+        expect(page.locator("#verbs button")).to_have_count(8)
         page.keyboard.press("Tab")
         expect(page.get_by_role("link", name="To the commands")).to_be_focused()
         page.keyboard.press("Enter")

@@ -71,6 +71,7 @@ BESIDE = (
     VerbRun("target", "0 0 --mission fly.toml"),
     VerbRun("ros2", "fly.toml --router tcp/127.0.0.1:9", (3,)),  # there is no router of ROS
     VerbRun("cot", "fly.toml --to tcp://127.0.0.1:9", (3,)),  # there is no server of TAK
+    VerbRun("rejoin", "2 --mission fly.toml", (3,)),  # it has not landed
     VerbRun("command", "land --mission fly.toml"),
 )
 STUBS = VerbRun("sitl", "stubs.toml", ready="Ctrl-C", lasts=True)

@@ -100,6 +100,18 @@ def test_where_the_room_is_missing_the_way_has_the_least_one() -> None:
     assert LineString(flown).distance(closed) > 0.3
 
 
+def test_a_gap_is_flown_instead_of_a_way_around_twice_as_long() -> None:
+    """Two walls 3 m apart, of 100 m and of 12 m: around their ends it is 208 m and 49 m, through the gap 40 m."""
+    here, there = (0.0, 0.0), (40.0, 0.0)
+    for end_m, passes in ((100.0, True), (12.0, False)):
+        upper = SQUARE.model_copy(update={"polygon_m": ((19.0, 1.5), (21.0, 1.5), (21.0, end_m), (19.0, end_m))})
+        lower = SQUARE.model_copy(update={"polygon_m": ((19.0, -end_m), (21.0, -end_m), (21.0, -1.5), (19.0, -1.5))})
+        way = Way(Routes([upper, lower], (), ROOM_M))
+        way.next_m(here, there)
+        assert (way.length_m < 41.0) == passes
+        assert passes or way.length_m == pytest.approx(2.0 * hypot(20.0, 14.0), rel=0.05)
+
+
 def test_the_room_grows_with_the_speed() -> None:
     assert passing_room_m(0.0, SafetySettings()) == 1.0
     assert passing_room_m(2.0, SafetySettings()) == pytest.approx(1.0 + 0.65 * 2.0 / 1.3)

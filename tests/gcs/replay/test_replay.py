@@ -21,6 +21,7 @@ from agents.inputs import (
     LateTicks,
     Message,
     Presence,
+    Rejoined,
     Start,
     TacticEvent,
     Tick,
@@ -364,6 +365,7 @@ ITEMS: dict[CoreInput, tuple[str, ...]] = {
     Command(101.0, OperatorCommand(100.5, "land", 2, "ground", 7)): ("ground", "vehicle 2", "land", "command 7"),
     Command(101.0, OperatorCommand(100.5, "formation", None, "ground", 7, "wedge")): ("formation wedge",),
     Killed(101.0, "it flies on"): ("motors", "it flies on"),
+    Rejoined(101.0, "its battery is at 3 %"): ("its battery is at 3 %",),
     Presence(3, present=False): ("vehicle 3",),
     Tick(101.0): ("tick", "1.000 s"),
 }

@@ -4,6 +4,7 @@ from math import hypot, pi
 
 import msgspec
 import pytest
+from msgspec import UNSET
 from msgspec.structs import replace
 
 from agents.safety.failsafe import Condition
@@ -568,12 +569,12 @@ def test_traffic_is_that_of_the_newest_report_whoever_received_it_until_it_is_ol
     page = Page()
     page.hears(1.0, state(1, START_S + 1.0, traffic=(plane(0.5, 100.0), plane(0.9, -50.0, "DRONE"))))
     page.hears(1.1, state(2, START_S + 1.1, traffic=(plane(0.2, 85.0),)))
-    seen = page.team(1.5).traffic
+    seen = page.team(1.5).traffic or ()
     assert [(each.label, each.position_m, each.altitude_m) for each in seen] == [
         ("DRONE", (-50.0, 0.0), 120.0),
         ("HB-XYZ", (100.0, 0.0), 120.0),
     ]
     assert [each.age_s for each in seen] == pytest.approx([0.6, 1.0])
     page.hears(6.0, state(2, START_S + 6.0, traffic=(plane(5.9, 370.0),)))
-    assert [(each.label, each.position_m) for each in page.team(11.0).traffic] == [("HB-XYZ", (370.0, 0.0))]
-    assert page.team(17.0).traffic == ()
+    assert [(each.label, each.position_m) for each in page.team(11.0).traffic or ()] == [("HB-XYZ", (370.0, 0.0))]
+    assert page.team(17.0).traffic is UNSET
