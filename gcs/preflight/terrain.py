@@ -85,7 +85,9 @@ def _inside(mission: Mission, vehicle: MissionVehicle) -> list[Pair]:
     if not fence_m:
         return places
     fence, start_m = Fence(fence_m), vehicle.section.start_m
-    return [place if fence.contains(place) else _last_inside(fence, start_m, place) for place in places]
+    return [
+        place if place == start_m or fence.contains(place) else _last_inside(fence, start_m, place) for place in places
+    ]
 
 
 def _last_inside(fence: Fence, start_m: Pair, place: Pair) -> Pair:

@@ -331,16 +331,16 @@ def test_what_cannot_be_read_is_named_with_file_place_and_value(
             code, out, err = run_here("zones", "import", "f.plan", "--mission", "case2")
             assert (code, out) == (2, "")
             assert facts_missing(err, *words) == [], err
-    for file, content, words in (
+    for wrong, content, words in (
         ("f.plan", b"\xb4\x00\xff", ("not a QGroundControl plan", "no text in UTF-8")),
         ("f.kml", b"hello", ("f.kml: it is not KML",)),
         ("f.txt", b"hello", ("f.txt: it is not JSON",)),
     ):
-        with subtests.test(f"{file}, other content"):
-            Path(file).write_bytes(content)
-            code, out, err = run_here("zones", "import", file)
+        with subtests.test(f"{wrong}, other content"):
+            Path(wrong).write_bytes(content)
+            code, out, err = run_here("zones", "import", wrong)
             assert (code, out, facts_missing(err, *words)) == (2, "", []), err
-            assert ("JSON" in err) is (file != "f.kml")
+            assert ("JSON" in err) is (wrong != "f.kml")
     with subtests.test("large"), Path("f.plan").open("wb") as file:
         file.truncate(100_000_000)
         assert run_here("zones", "import", "f.plan") == (2, "", f"f.plan: it is larger than {BYTES_MAX // 1000} kB\n")
