@@ -341,8 +341,8 @@ def test_what_cannot_be_read_is_named_with_file_place_and_value(
             code, out, err = run_here("zones", "import", wrong)
             assert (code, out, facts_missing(err, *words)) == (2, "", []), err
             assert ("JSON" in err) is (wrong != "f.kml")
-    with subtests.test("large"), Path("f.plan").open("wb") as file:
-        file.truncate(100_000_000)
+    with subtests.test("large"), Path("f.plan").open("wb") as large:
+        large.truncate(100_000_000)
         assert run_here("zones", "import", "f.plan") == (2, "", f"f.plan: it is larger than {BYTES_MAX // 1000} kB\n")
 
 
