@@ -32,7 +32,10 @@ from tests.support.paths import MISSIONS
 
 FIELD = (MISSIONS / "case2-wander.toml").read_text(encoding="utf-8")
 PLANT_OFF_MOST = 0.15
-ON_RING_S, DURATION_S = 100.0, 190.0
+ARRIVES_S, HOME_S = 40.0, 90.0
+"""Enough time to fly to the ring, and home from it."""
+RING_TURNS_RAD = 1.3 * pi
+"""By how much a vehicle on the ring turns between; half a turn of each is wanted."""
 FLYING_M, LAYER_M = 8.0, 2.0
 HOME_M = 2.0
 LEAST_SHARE = 0.95
@@ -52,7 +55,8 @@ def random_map(seed: int) -> Content:
     moves = random.random() < 0.2
     course_rad, speed_m_s = random.uniform(-pi, pi), random.uniform(0.05, 0.3)
     mission = content(FIELD)
-    mission["mission"] |= {"name": f"map {seed}", "duration_s": DURATION_S}
+    on_ring_s = ARRIVES_S + RING_TURNS_RAD / abs(rate_rad_s)
+    mission["mission"] |= {"name": f"map {seed}", "duration_s": on_ring_s + HOME_S}
     mission["formation"] |= {"leader": 1, "speed_m_s": 0.2}
     # With a height of its ring, the simulation has heights.
     ring = {"radius_m": radius_m, "angular_rate_rad_s": rate_rad_s, "altitude_m": FLYING_M}
@@ -235,8 +239,9 @@ def fly(seed: int) -> Flown:
         mission = parsed(drawn)
     except MissionError as error:
         return Flown(seed, zones, feasible, refused="refused: " + "; ".join(error.faults))
-    events = SimulatedEvents(mission, [Commanded(ON_RING_S, "rtl")])
-    record = fly_simulated(mission, seed, DURATION_S, lambda _: None, events=events)
+    duration_s = mission.mission.duration_s
+    events = SimulatedEvents(mission, [Commanded(duration_s - HOME_S, "rtl")])
+    record = fly_simulated(mission, seed, duration_s, lambda _: None, events=events)
     least_m = clearances_m(mission, record)
     starts_m = [vehicle.section.start_m for vehicle in mission.vehicles]
     ends = zip(record.vehicles, starts_m, strict=True)

@@ -86,7 +86,7 @@ ALONE = (
     VerbRun("new", "new.toml --vehicles 2 --links stub --shape line --radius 10 --rate 0.1 --target rest --fence 20"),
     VerbRun("schema"),
     VerbRun("zones import", "field.plan --mission ring.toml", keys=OUTPUT_KEYS["zones import"]),
-    VerbRun("zones export", "ring.toml --out ring.plan"),
+    VerbRun("zones export", "new.toml --out ring.plan"),
     VerbRun("tiles", "47,8,48,9 --from world.mbtiles --zoom 0:0 --out field.mbtiles", keys=OUTPUT_KEYS["tiles"]),
     VerbRun("sim", "ring.toml --duration 10 --log sim.mcap", (0, 1), RESULT_KEYS[""]),
     VerbRun("sweep", "ring.toml --seeds 0:2 --duration 5 --workers 1 --out swept", (0, 1), OUTPUT_KEYS["sweep"]),
