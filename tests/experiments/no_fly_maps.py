@@ -139,7 +139,8 @@ def is_feasible(mission: Content) -> bool:
 
 def _distance_m(shapes: list[shapely.Geometry], x: Vector, y: Vector) -> Vector:
     places = shapely.points(x, y)
-    return np.asarray(np.min([shapely.distance(each, places) for each in shapes], axis=0, initial=inf))
+    nothing = np.full(np.shape(places), inf)  # no zone is at the flying heights
+    return np.asarray(np.min([nothing, *(shapely.distance(each, places) for each in shapes)], axis=0))
 
 
 def _has_ring(mission: Content, shapes: list[shapely.Geometry]) -> bool:
