@@ -12,11 +12,11 @@ AIRBORNE_M: Final = 0.5
 WAYS_STEP_S: Final = 0.1
 
 
-def closest_approach_m(x_m: Vector, y_m: Vector, height_m: Vector, above_m: float | None) -> float | None:
+def closest_approach_m(x_m: Vector, y_m: Vector, height_m: Vector, above_m: Vector) -> float | None:
     """Return the smallest horizontal distance of two vehicles in the air, None if no two were measured at one time.
 
-    All are (V, T), NaN where not known. With `above_m` two whose heights differ by as much do not count, and none of
-    which the height is not known; without it one of unknown height counts as in the air.
+    Places are (V, T), NaN where not known. Two do not count if their heights differ by `above_m` (V, T) of one of them,
+    or if a height is not known; where both are infinite, heights do not matter.
     """
     if len(x_m) < 2:
         return None
@@ -25,8 +25,9 @@ def closest_approach_m(x_m: Vector, y_m: Vector, height_m: Vector, above_m: floa
     closest_m = np.inf
     for row in range(len(x_m) - 1):
         apart_m = np.hypot(x_m[row + 1 :] - x_m[row], y_m[row + 1 :] - y_m[row])
-        if above_m is not None:
-            apart_m = np.where(np.abs(height_m[row + 1 :] - height_m[row]) < above_m, apart_m, np.nan)
+        needed_m = np.minimum(above_m[row + 1 :], above_m[row])
+        counts = np.isinf(needed_m) | (np.abs(height_m[row + 1 :] - height_m[row]) < needed_m)
+        apart_m = np.where(counts, apart_m, np.nan)
         closest_m = min(closest_m, float(np.fmin.reduce(apart_m, axis=None, initial=np.inf)))
     return closest_m if closest_m < np.inf else None
 
@@ -50,4 +51,4 @@ def closest_on_ways_m(position_m: Vector, above_m: float) -> float | None:
     if not position_m.size:
         return None
     x_m, y_m, height_m = np.moveaxis(position_m, 2, 0)
-    return closest_approach_m(x_m, y_m, height_m, above_m)
+    return closest_approach_m(x_m, y_m, height_m, np.full_like(x_m, above_m))

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from agents.tactics import Tactic
 from gcs.metrics.apart import closest_approach_m
 from gcs.metrics.catalogue import Verdicts, judge, not_judged
 from gcs.metrics.departures import departures
@@ -35,6 +36,9 @@ from gcs.metrics.vehicles import (
     vehicle_results,
 )
 from gcs.mission.mission import Mission
+
+_ON_WAYS = (Tactic.STANDBY.value, Tactic.RETURN_AND_LAND.value, Tactic.LAND.value)
+"""Vehicles take off, return and land in layers, while others fly the mission."""
 
 NONE_ENGAGES = EngagementReference()
 
@@ -91,7 +95,7 @@ def evaluate(
         ring=ring_result,
         transitions=transitions(record, motion, ring, ring.began_s(changes_s)),
         reynolds=_reynolds(record, window),
-        closest_approach_m=_closest_approach_m(record, ring.above_m),
+        closest_approach_m=_closest_approach_m(record, ring),
         ways_closest_m=record.ways_closest_m,
         guard_interventions=None if record.guard is None else record.guard.interventions,
         guard_causes={} if record.guard is None else dict(record.guard.causes),
@@ -100,7 +104,7 @@ def evaluate(
         wall_time_s=record.wall_time_s,
         realtime_factor=end_s / record.wall_time_s if record.wall_time_s > 0.0 else None,
         events=record.events,
-        estimate=_estimate_result(record, part, window, ring.above_m),
+        estimate=_estimate_result(record, part, window, ring),
         truth_missing=record.truth_missing or None,
         ended=TeamEnding.of(record.endings),
         engagement=engagement(record, engages, each_engaged_s),
@@ -115,9 +119,7 @@ def evaluate(
     return replace(result, not_judged=not_judged(result))
 
 
-def _estimate_result(
-    record: FlightRecord, part: JudgedPart, window: Mask, above_m: float | None
-) -> EstimateResult | None:
+def _estimate_result(record: FlightRecord, part: JudgedPart, window: Mask, ring: DesiredRing) -> EstimateResult | None:
     """Return the ring's figures by estimate in the same window, None where the record has no estimates beside it."""
     if not record.estimates:
         return None
@@ -127,7 +129,7 @@ def _estimate_result(
     seen = replace(part, began_s=tuple(each for each in began_s if each <= record.time_s[part.samples - 1]))
     vehicles = estimated_vehicles(record, motion, part.ring, window)
     whole = estimated_ring(record.time_s, motion, seen, window)
-    return EstimateResult(vehicles, whole, _closest_approach_m(estimated, above_m))
+    return EstimateResult(vehicles, whole, _closest_approach_m(estimated, ring))
 
 
 def _reynolds(record: FlightRecord, window: Mask) -> ReynoldsResult:
@@ -140,8 +142,9 @@ def _reynolds(record: FlightRecord, window: Mask) -> ReynoldsResult:
     return ReynoldsResult(*(condensed(figures, span) for span in spans))
 
 
-def _closest_approach_m(record: FlightRecord, above_m: float | None) -> float | None:
+def _closest_approach_m(record: FlightRecord, ring: DesiredRing) -> float | None:
     x_m, y_m = (np.array([track.position_m[:, axis] for track in record.vehicles]) for axis in (0, 1))
     unknown_m = np.full(record.time_s.shape, np.nan)
     height_m = np.array([unknown_m if each.altitude_m is None else each.altitude_m for each in record.vehicles])
-    return closest_approach_m(x_m, y_m, height_m, above_m)
+    on_ways = np.array([np.isin(track.tactic, _ON_WAYS) for track in record.vehicles], dtype=np.bool_)
+    return closest_approach_m(x_m, y_m, height_m, np.where(ring.are_stacked | on_ways, ring.above_m, np.inf))

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from math import radians, tan, tau
+from math import inf, radians, tan, tau
 from typing import NamedTuple
 
 import msgspec
@@ -133,9 +133,9 @@ class DesiredRing:
 
     It is the last one that was commanded; `earlier` are those before it, in order. The angles between vehicles are in
     proportion to the weights `gaps`. A ring with heights of its own has the vehicles' `heights_m` at its centre, by id,
-    and rises by `rise_m` to its highest point at the bearing `highest_rad`. Where it is one of several of which some
-    have heights, two vehicles are separated by their heights if these differ by `above_m`. About a target at rest it
-    may `bend` around the no-fly `zones`: radii then count as if it did not.
+    and rises by `rise_m` to its highest point at the bearing `highest_rad`. Heights that differ by `above_m` separate
+    two vehicles if one is on its way out or home; any two where rings that have heights `are_stacked`. About a target
+    at rest it may `bend` around the no-fly `zones`: radii then count as if it did not.
     """
 
     radius_m: float
@@ -145,7 +145,8 @@ class DesiredRing:
     heights_m: Mapping[int, float] = field(default_factory=dict)
     rise_m: float = 0.0
     highest_rad: float = 0.0
-    above_m: float | None = None
+    above_m: float = inf
+    are_stacked: bool = False
     bend: RingBend | None = None
     zones: tuple[NoFlySection, ...] = ()
 
@@ -238,9 +239,9 @@ def ring_reference(mission: Mission, events: Iterable[FlightEvent] = ()) -> Desi
     rise_m = ring.radius_m * tan(radians(ring.tilt_deg))
     heights = _heights_m(mission, ring), rise_m, radians(ring.tilt_bearing_deg)
     is_stacked = any(each.encirclement.has_heights for each in mission.rings)
-    above_m = HEIGHT_SHARE * mission.safety.vertical_separation_m if is_stacked else None
+    above_m = HEIGHT_SHARE * mission.safety.vertical_separation_m
     bend = ring_bend(mission) if ring == mission.encirclement else None
-    ways = *heights, above_m, bend, mission.safety.no_fly
+    ways = *heights, above_m, is_stacked, bend, mission.safety.no_fly
     return DesiredRing(ring.radius_m, ring.angular_rate_rad_s, mission.gaps, tuple(earlier), *ways)
 
 

@@ -1,6 +1,7 @@
 """How near vehicles come to each other on the ways out and home, by motions whose closest approach is known."""
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -8,6 +9,8 @@ import pytest
 from estimation.state import Vector
 from gcs.metrics.apart import closest_approach_m
 from gcs.metrics.journal import Journal, RunTotals
+from gcs.metrics.metrics import evaluated
+from gcs.metrics.record import VehicleTrack
 from gcs.mission.file import load_mission
 from gcs.mission.mission import Mission
 from sitl.server.server import TruthTrack
@@ -70,10 +73,26 @@ def test_a_vehicle_that_has_landed_does_not_count_in_the_mission_either() -> Non
     time_s = np.arange(0.0, 20.0, 0.1)
     x_m, y_m = np.array([0.0 * time_s, time_s - 15.0]), np.zeros((2, time_s.size))
     height_m = np.array([np.where(time_s < 10.0, 8.0, 0.0), np.full(time_s.size, 8.0)])
-    assert closest_approach_m(x_m, y_m, height_m, None) == pytest.approx(5.0, abs=0.11)
-    assert closest_approach_m(x_m, y_m, np.full_like(height_m, np.nan), None) == pytest.approx(0.0, abs=0.01)
+    any_height = np.full_like(x_m, np.inf)
+    assert closest_approach_m(x_m, y_m, height_m, any_height) == pytest.approx(5.0, abs=0.11)
+    assert closest_approach_m(
+        x_m, y_m, np.full_like(height_m, np.nan), np.full((2, time_s.size), np.inf)
+    ) == pytest.approx(0.0, abs=0.01)
 
 
 def test_what_happens_in_the_mission_is_left_to_its_own_figure(mission: Mission) -> None:
     found = closest_m(mission, beside(0.0, 8.0), passes_at(110.0, 1.0, 8.0), by_truth=True)
     assert found == pytest.approx(np.hypot(10.0, 1.0), abs=0.15)
+
+
+def test_a_vehicle_on_its_way_home_is_apart_by_its_layer_and_the_others_are_not(mission: Mission) -> None:
+    """One passes 5 m above the other, on its way home or, at a wrong height, on its way in the formation."""
+    time_s = np.arange(0.0, 20.0, 0.1)
+    still = np.zeros((time_s.size, 2))
+    passing_m = np.column_stack((time_s - 10.0, 0.0 * time_s))
+    for tactic, found_m in (("return and land", None), ("formation", 0.0)):
+        flies = np.full(time_s.size, "formation"), np.full(time_s.size, tactic)
+        below = VehicleTrack(1, still, still, flies[0], altitude_m=np.full(time_s.size, 8.0))
+        above = VehicleTrack(2, passing_m, still, flies[1], altitude_m=np.full(time_s.size, 13.0))
+        record = Journal(mission).record(0.0, 19.9, RunTotals("flight", 0, 0, 1.0))
+        assert evaluated(mission, replace(record, vehicles=(below, above))).closest_approach_m == found_m

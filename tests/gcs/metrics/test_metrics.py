@@ -249,7 +249,9 @@ def test_a_ring_commanded_in_flight_is_judged_by_itself_from_its_command_on() ->
     mission = load_mission("case2")
     ring = ring_reference(mission, told)
     (earlier,) = ring.earlier
-    assert replace(ring, earlier=()) == DesiredRing(15.0, -0.02, mission.gaps)
+    assert replace(ring, earlier=()) == DesiredRing(
+        15.0, -0.02, mission.gaps, above_m=0.8 * mission.safety.vertical_separation_m
+    )
     assert earlier[:3] == (300.1, 10.0, 0.05)
     assert 5.0 / 1.0 < earlier.change_s < settled_s - 300.1  # 5 m at 1 m/s at most
     result = judged(*vehicles, ring=ring)
