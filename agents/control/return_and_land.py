@@ -2,7 +2,7 @@
 
 Returning vehicles first climb to their layers above all vehicles that still fly the mission, so their paths cross at
 different heights only. The lowest lands first; no vehicle descends while one below it is still flying home. Where it
-begins, a vehicle chooses the nearest of its places: its start, or a spot at a rally point, where nobody else lands.
+begins, a vehicle chooses the nearest of its places: its start, or a spot at a rally point, which is its own.
 """
 
 from collections.abc import Collection, Iterable

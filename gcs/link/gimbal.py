@@ -103,7 +103,7 @@ class CameraGimbal:
     def point(self, camera_rad: tuple[float, ...]) -> None:
         """Send elevation and bearing [rad, mission frame], if cordon is in control; never blocks, never raises.
 
-        Ask for control while nobody has it.
+        Ask for control while no system has it.
         """
         if not camera_rad or self._gimbal_id is None or self._other:
             return
@@ -125,7 +125,7 @@ class CameraGimbal:
 
     @property
     def _other(self) -> int:
-        """The system that controls it, 0 for nobody and for cordon."""
+        """The system that controls it, 0 for none and for cordon."""
         return 0 if self._controller is None or self._is_ours else self._controller[0]
 
     @property

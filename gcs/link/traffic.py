@@ -29,7 +29,7 @@ class TrafficReceiver:
 
     A drone's position and its serial number come in messages of their own, with the same address. Its height is that
     above its take-off, taken as that above the mission's origin: its altitudes are above the ellipsoid, or by a
-    barometer that nobody has set. A frame without a position on Earth has no traffic.
+    barometer without a reference pressure. A frame without a position on Earth has no traffic.
     """
 
     def __init__(self, system_id: int, frame: MissionFrame, now_s: Callable[[], float]) -> None:

@@ -1,4 +1,4 @@
-"""Checks of a mission's rally points: every vehicle's spot is inside its fence, outside of zones, and nobody else's."""
+"""Checks of rally points: every vehicle's spot is inside its fence, outside of zones, and apart from the others."""
 
 from collections.abc import Iterator
 from math import dist

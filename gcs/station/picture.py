@@ -202,7 +202,7 @@ class EventPicture(_Picture, frozen=True, tag="event"):
 
 
 class ChecklistItemPicture(msgspec.Struct, frozen=True):
-    """An item of the mission's checklist, who has ticked it (empty: nobody), and when in Unix time.
+    """An item of the mission's checklist, who has ticked it (empty if it is open), and when in Unix time.
 
     A tick that is `used` was for the flight that has begun: the next one needs another.
     """

@@ -202,7 +202,7 @@ def _points(points: Sequence[DrawnPoint], frame: MissionFrame) -> tuple[GroundPo
 
 
 def _filled(area: DrawnArea) -> str:
-    return f"{len(area.holes)} inner outlines of '{area.name}': nobody flies inside of them either"
+    return f"{len(area.holes)} inner outlines of '{area.name}': they are closed as well"
 
 
 def _may_be_near(corners: Sequence[Degrees], radius_m: float, frame: MissionFrame) -> bool:

@@ -1,4 +1,4 @@
-"""The gimbal manager of a stub: MAVLink's gimbal protocol v2, with one mount, for whoever has taken control."""
+"""The gimbal manager of a stub: MAVLink's gimbal protocol v2, with one mount, for the system that has taken control."""
 
 from collections.abc import Callable, Mapping
 from math import asin, atan2, cos, inf, isfinite, nan, pi, sin

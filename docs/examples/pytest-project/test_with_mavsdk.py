@@ -13,7 +13,7 @@ def test_three_vehicles_fly_to_their_places_and_land(cordon_stubs):
     heights_m, closest_m = [], []
 
     async def scenario():
-        # They stand in a line to the north, and fly east: they keep apart whoever is first.
+        # They stand in a line to the north, and fly east: they keep apart in any order of take-off.
         flights = [asyncio.create_task(fly(vehicle.url, 0.0, 3.0 + vehicle.id, 5.0)) for vehicle in team]
 
         def all_landed():
