@@ -143,17 +143,22 @@ class RingFlight:
         return Plan(plan.aim_m, undisturbed, situation.acting_motion[VELOCITY], plan.status, ring=report)
 
     def _way_in(self, situation: Situation, centre: Vector, polar: Polar, orbit: Orbit, mixing: float) -> Plan | None:
-        """Return the plan to fly around zones to the waiting circle; None once the straight way there is free."""
+        """Return the plan to fly around zones to the waiting circle; None once the straight way there is free.
+
+        Near the ring that is one with the least room: a vehicle may wait between ring and zone.
+        """
         bend, way = self._bend, self._way
         if bend is None or way is None or self._joining.inside:
             return None
         off_m, aside_m = bend.at_one(polar.bearing_rad)[0], self._joining.waiting_m - orbit.radius_m
-        if polar.radius_m <= orbit.radius_m + off_m + 2.0 * aside_m:
+        outside_m = polar.radius_m - orbit.radius_m - off_m
+        if outside_m <= 0.0:
             return None
         (x, y), (centre_x, centre_y) = situation.acting_motion[POSITION].tolist(), centre[POSITION].tolist()
         share = (orbit.radius_m + off_m + min(aside_m, bend.room_at_m(polar.bearing_rad))) / polar.radius_m
         entry_m = centre_x + share * (x - centre_x), centre_y + share * (y - centre_y)
-        if way.routes.is_straight((x, y), entry_m):
+        routes = way.routes if outside_m > 2.0 * aside_m else way.routes.narrow
+        if routes.is_straight((x, y), entry_m):
             return None
         self._reference.reset()
         self._encirclement.reset()

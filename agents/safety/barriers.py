@@ -19,16 +19,19 @@ _NEAR_M = 1e-6
 class Cause(IntEnum):
     """The cause of a demand. If not all can be met, demands are relaxed in this order.
 
-    Separation is relaxed only if the vehicle's reach does not suffice.
+    Separation is relaxed only if the vehicle's reach does not suffice. At a boundary a vehicle cannot always do its
+    half of an evasion. The other one sees that and does more, so there the distance beyond `separation_m`, the margin,
+    is relaxed first.
     """
 
     SPEED = 0
     KEEP_OUT = 1
     TRAFFIC = 2
-    FENCE = 3
-    NO_FLY = 4
-    SEPARATION = 5
-    REACH = 6
+    MARGIN = 3
+    FENCE = 4
+    NO_FLY = 5
+    SEPARATION = 6
+    REACH = 7
 
     @property
     def words(self) -> GuardCause:
@@ -40,6 +43,7 @@ _WORDS: Mapping[Cause, GuardCause] = {
     Cause.SPEED: "speed",
     Cause.KEEP_OUT: "keep out",
     Cause.TRAFFIC: "traffic",
+    Cause.MARGIN: "separation",
     Cause.FENCE: "fence",
     Cause.NO_FLY: "no-fly zone",
     Cause.SEPARATION: "separation",
@@ -88,6 +92,12 @@ class Body:
         self.distance_m: Final = distance_m
         self.shares: Final = shares
         self.vehicle_id: Final = vehicle_id
+
+    def nearer(self, distance_m: float) -> "Body":
+        """Return the body with this distance to keep, if that is less."""
+        place, velocity, acceleration = self.position_m, self.velocity_m_s, self.acceleration_m_s2
+        kept_m = min(self.distance_m, distance_m)
+        return Body(place, velocity, acceleration, kept_m, self.shares, self.vehicle_id)
 
 
 def apart(position_m: Pair, velocity_m_s: Pair, body: Body, rate_per_s: float, cause: Cause) -> Demand:

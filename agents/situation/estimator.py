@@ -198,6 +198,7 @@ class Estimator:
             authority=self.own.authority,
             height_m=self._height_m,
             offset_variance_m2=self._frame.variance_m2,
+            shift_variance_m2=self._frame.shift_variance_m2,
             acting_others={
                 name: moved(each.mean, acting_s - each.time_s)
                 for name, each in self.targets.estimates.items()

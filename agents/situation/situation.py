@@ -33,6 +33,8 @@ class Situation:
     - `height_m`: the own altitude above the mission's origin, from the newest telemetry.
     - `position_sigma_m`: the standard deviation of the own position, of the worse axis. It includes the offset between
       the team's frame and the autopilot's, of variance `offset_variance_m2` per axis.
+    - `boundary_sigma_m`: that of the own position to what is fixed in the mission frame. It includes the shift of the
+      team's frame, of variance `shift_variance_m2` per axis, which vehicles have in common.
     """
 
     def __init__(
@@ -50,6 +52,7 @@ class Situation:
         height_m: float = 0.0,
         offset_variance_m2: float = 0.0,
         acting_others: Mapping[str, Vector] = _NO_OTHERS,
+        shift_variance_m2: float = 0.0,
     ) -> None:
         self.now_s: Final = now_s
         self.acting_s: Final = acting_s
@@ -63,6 +66,7 @@ class Situation:
         self.authority: Final = authority
         self.height_m: Final = height_m
         self.position_sigma_m: Final[float] = sqrt(own.position_sigma_m**2 + offset_variance_m2)
+        self.boundary_sigma_m: Final[float] = sqrt(self.position_sigma_m**2 + shift_variance_m2)
         self.acting_others: Final = acting_others
 
     @property

@@ -54,6 +54,11 @@ class TeamFrame:
             return self._offsets.variance_m2(self._vehicle_id)
         return self._wander.sigma_m**2
 
+    @property
+    def shift_variance_m2(self) -> float:
+        """The variance per axis of the team's frame in the mission's, as far as `variance_m2` does not contain it."""
+        return self._offsets.shift_variance_m2 if self._vehicle_id in self._offsets else 0.0
+
     def telemetry(self, reported: Telemetry) -> Telemetry:
         """Take telemetry in the autopilot's frame; return it in the team's."""
         if self._wander is None:

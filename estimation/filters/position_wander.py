@@ -72,6 +72,18 @@ class FrameOffsets:
         row = self._rows[sensor_id]
         return self._covariance_m2.item(row, row)
 
+    @property
+    def shift_variance_m2(self) -> float:
+        """The variance per axis of the frames' common shift beyond what the variances of the offsets contain of it.
+
+        It is that of the weighted mean of all position errors, which is estimated as zero whatever is sighted.
+        """
+        if self._time_s < self._fixed_until_s:
+            return 0.0
+        weight = 1.0 / self._prior_m2[1:]
+        share = weight / weight.sum()
+        return max(float(1.0 / weight.sum() - share @ self._covariance_m2[1:, 1:] @ share), 0.0)
+
     def predict(self, to_s: float, reference_m2: float) -> None:
         """Predict to a time at which the predicted target has this variance per axis; a sensor must have a model.
 
