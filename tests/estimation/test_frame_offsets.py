@@ -66,6 +66,17 @@ def test_differences_of_drifting_frames_are_estimated_consistently_and_their_sum
     assert 0.7 * found_m < stated_m < 1.4 * found_m
 
 
+@pytest.mark.parametrize("count", [1, 2, 3])
+def test_the_variances_of_offset_and_common_shift_are_those_of_the_errors_of_places(count: int) -> None:
+    watched, errors = Watched(dict.fromkeys(range(1, count + 1), SIGMA_M), 4), []
+    for step in range(9000):
+        watched.step()
+        if step > 100:
+            errors.append(watched.estimate(1) - watched.true_m[1])
+    variance_m2 = watched.offsets.variance_m2(1) + watched.offsets.shift_variance_m2
+    assert np.mean(np.square(errors)) == pytest.approx(variance_m2, rel=0.25)
+
+
 def test_a_frame_that_does_not_wander_fixes_the_others() -> None:
     watched, errors = Watched({1: SIGMA_M, 2: SIGMA_M, 1000: 0.0}, 2), []
     for step in range(6000):

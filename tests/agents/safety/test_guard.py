@@ -34,12 +34,14 @@ def situation(
     target: Pair | None = None,
     target_velocity: Pair = STILL,
     sigma_m: float = 0.0,
+    shift_m: float = 0.0,
 ) -> Situation:
     mean = np.array([*place, *velocity, *wind])
     own = OwnEstimate(10.0, mean, own_spread(sigma_m))
     seen = None if target is None else np.array([*target, *target_velocity])
     estimate = None if seen is None else TargetEstimate(10.0, seen, target_spread(), 10.0, 0.8, 0.2)
-    return Situation(10.0, 10.05, own, mean[:4], mean[4:], estimate, None, seen)
+    shift_m2 = shift_m**2
+    return Situation(10.0, 10.05, own, mean[:4], mean[4:], estimate, None, seen, shift_variance_m2=shift_m2)
 
 
 def body(place: Pair, velocity: Pair = STILL, distance_m: float = 3.0, shares: bool = True) -> Body:
@@ -275,6 +277,15 @@ def test_the_fence_yields_to_separation(make_config: Maker) -> None:
     assert row @ (setpoint - (9.5, 0.0)) >= least - 0.01
 
 
+def test_at_the_fence_the_margin_of_one_that_evades_yields_but_not_the_separation(make_config: Maker) -> None:
+    config = make_config(safety={"fence_m": BOX, "separation_m": 3.0})
+    for away_m, closing_m_s, yielded in ((3.8, 0.0, Cause.MARGIN), (2.5, 1.5, Cause.FENCE)):
+        near = body((9.9 - away_m, 0.0), (closing_m_s, 0.0), distance_m=5.0)
+        guarded, setpoint = checked(config, situation(place=(9.9, 0.0)), (9.9, 0.0), [near])
+        assert (guarded.status, guarded.yielded) == (GuardStatus.YIELDED, yielded)
+        assert bool(setpoint[0] <= 10.0 + 0.01) is (yielded is Cause.MARGIN)
+
+
 def test_separation_gives_way_only_to_itself(make_config: Maker) -> None:
     """Between two that do not evade there is no place to keep: the middle is the best there is."""
     squeezed = [body((1.0, 0.0), shares=False), body((-1.0, 0.0), shares=False)]
@@ -351,10 +362,12 @@ def at_height(seen: Situation, height_m: float) -> Situation:
 
 
 def test_uncertainty_keeps_a_vehicle_farther_inside_the_fence(make_config: Maker) -> None:
+    """By 4 standard deviations, with those of the frame that all vehicles have in common."""
     config = make_config(safety={"fence_m": BOX, "uncertainty_sigmas": 3.0})
-    for sigma_m in (0.0, 0.2):
-        _, setpoint = checked(config, situation(place=(8.0, 0.0), sigma_m=sigma_m), (12.0, 0.0))
-        assert setpoint[0] <= 10.0 - 3.0 * sigma_m + 1e-6
+    for sigma_m, shift_m in ((0.0, 0.0), (0.15, 0.0), (0.09, 0.12)):
+        seen = situation(place=(8.0, 0.0), sigma_m=sigma_m, shift_m=shift_m)
+        _, setpoint = checked(config, seen, (12.0, 0.0))
+        assert setpoint[0] <= 10.0 - 4.0 * hypot(sigma_m, shift_m) + 1e-6
 
 
 @pytest.mark.parametrize(
@@ -368,7 +381,7 @@ def test_the_altitude_stays_in_the_band(
     assert guard.altitude_m(aim, np.zeros(4), 8.0) == altitude
 
 
-# Two in closed loop, on plants that are not the model
+# Two or three in closed loop, on plants that are not the model
 
 
 PERTURBED = (
@@ -377,8 +390,15 @@ PERTURBED = (
 )
 
 
-def meet(config: AgentConfig, starts: Sequence[Pair], goals: Sequence[Pair], shares: Sequence[bool]) -> Vector:
-    """Fly two vehicles that know each other's motion for 40 s; who does not share does not look. Paths (T, 2, 2)."""
+def meet(
+    config: AgentConfig,
+    starts: Sequence[Pair],
+    goals: Sequence[Pair],
+    shares: Sequence[bool],
+    plants: Sequence[int] = (0, 1),
+    distance_m: float = 3.0,
+) -> Vector:
+    """Fly V vehicles that know each other's motion for 40 s; who does not share does not look. Paths (T, V, 2)."""
     motions = [np.array([*start, 0.0, 0.0]) for start in starts]
     guard = Guard(config)
     paths = []
@@ -386,17 +406,20 @@ def meet(config: AgentConfig, starts: Sequence[Pair], goals: Sequence[Pair], sha
         paths.append([motion[:2].copy() for motion in motions])
         setpoints = []
         for index, motion in enumerate(motions):
-            other = motions[1 - index]
-            there = Body(tuple(other[:2]), tuple(other[2:]), STILL, 3.0, shares[1 - index])
+            others = [
+                Body(tuple(other[:2]), tuple(other[2:]), STILL, distance_m, shares[each], each + 1)
+                for each, other in enumerate(motions)
+                if each != index
+            ]
             own = OwnEstimate(10.0, np.array([*motion, 0.0, 0.0]), own_spread())
             seen = Situation(10.0, 10.05, own, motion, np.zeros(2), None, None, None)
             goal = np.array(goals[index])
             lead = goal - motion[:2]
             aim = motion[:2] + lead * min(1.0, 3.0 / max(float(np.linalg.norm(lead)), 1e-9))
-            setpoints.append(guard.check(seen, aim, [there] if shares[index] else []).aim_m)
+            setpoints.append(guard.check(seen, aim, others if shares[index] else []).aim_m)
         motions = [
-            exact_step(plant, 0.1).advance(motion, setpoint, np.zeros(2))
-            for plant, motion, setpoint in zip(PERTURBED, motions, setpoints, strict=True)
+            exact_step(PERTURBED[plant], 0.1).advance(motion, setpoint, np.zeros(2))
+            for plant, motion, setpoint in zip(plants, motions, setpoints, strict=True)
         ]
     return np.array(paths)
 
@@ -420,6 +443,26 @@ def test_one_that_does_not_evade_is_got_around_by_the_other_alone(make_config: M
     assert np.linalg.norm(paths[:, 0] - paths[:, 1], axis=1).min() >= 3.0 - 0.1
     assert np.abs(paths[:, 1, 1]).max() < 1e-6
     assert paths[-1, 0] == pytest.approx((12.0, 0.0), abs=0.05)
+
+
+@pytest.mark.parametrize(
+    ("starts", "goals"),
+    [
+        (((-0.4, 0.0), (-2.5, 5.0), (-1.5, -3.9)), ((3.0, 0.0), (3.5, -3.9), (3.5, 4.6))),
+        (((0.4, 0.0), (-0.5, 4.1), (-2.4, -4.6)), ((3.0, 0.0), (4.2, -4.8), (1.6, 2.4))),
+        (((-0.5, 0.0), (-0.7, 4.1), (-0.5, -3.9)), ((3.0, 0.0), (4.3, -0.8), (2.5, 1.6))),
+    ],
+)
+@pytest.mark.parametrize("plants", [(0, 1, 1), (1, 0, 0)])
+def test_a_vehicle_that_two_press_against_a_zone_does_not_enter_it(
+    starts: Sequence[Pair], goals: Sequence[Pair], plants: Sequence[int], make_config: Maker
+) -> None:
+    """It cannot do its half of both evasions: the two others do more, and all keep more than the separation of 3 m."""
+    mast = NoFlySection(name="mast", center_m=(7.0, 0.0), radius_m=3.5)
+    config = make_config(safety={"no_fly": (mast,)})
+    paths = meet(config, starts, goals, (True, True, True), plants, distance_m=3.6)
+    assert np.linalg.norm(paths - (7.0, 0.0), axis=2).min() >= 3.5 - 0.02
+    assert min(np.linalg.norm(paths[:, i] - paths[:, k], axis=1).min() for i, k in ((0, 1), (0, 2), (1, 2))) >= 3.2
 
 
 def test_a_vehicle_flies_to_the_fence_without_crossing_it(make_config: Maker) -> None:

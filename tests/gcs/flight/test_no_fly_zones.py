@@ -31,8 +31,9 @@ def flown(mission: Mission, duration_s: float, *events: Commanded) -> FlightReco
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("seed", [2, 5])
+@pytest.mark.parametrize("seed", [5000, 5282])
 def test_missions_on_drawn_maps_complete_and_nobody_enters_a_zone(seed: int) -> None:
+    """On the first map two vehicles press a third against a zone, on the second one lies between vehicle and ring."""
     flight = fly(seed)
     assert flight.feasible
     assert flight.complete, str(flight)

@@ -28,7 +28,7 @@ class Wandering:
     def __init__(self, mission: Mission, until_s: float = UNTIL_S) -> None:
         shape = round(until_s * mission.mission.rate_hz) + 1, 3
         self.claimed_m, self.setpoint_m = np.full((2, *shape, 2), np.nan)
-        self.sigma_m = np.full(shape, np.nan)
+        self.sigma_m, self.boundary_sigma_m = np.full((2, *shape), np.nan)
 
         def observe(tick: int, vehicle: int, output: TickOutput) -> None:
             situation = output.status.situation
@@ -37,6 +37,7 @@ class Wandering:
             self.claimed_m[tick, vehicle] = situation.own.mean[POSITION]
             self.setpoint_m[tick, vehicle] = output.setpoint.position_m[:2]
             self.sigma_m[tick, vehicle] = situation.position_sigma_m
+            self.boundary_sigma_m[tick, vehicle] = situation.boundary_sigma_m
 
         flight = observed(mission, SEED, observe, duration_s=until_s, network=NetworkModel(1000.0))
         self.time_s = flight.time_s
@@ -99,6 +100,7 @@ def test_the_guard_is_told_how_sure_positions_are(wandering: Wandering) -> None:
     off_m = wandering.claimed_m - wandering.true_m
     apart_m = (off_m[:, 1] - off_m[:, 2])[wandering.seeing]
     assert rms(apart_m) <= 1.5 * np.sqrt(2.0) * rms(wandering.sigma_m[wandering.seeing, 1])
+    assert rms(off_m[wandering.seeing]) <= rms(wandering.boundary_sigma_m[wandering.seeing])
     at_end = int(np.flatnonzero(wandering.time_s < BLIND_TO_S)[-1])
     at_begin = int(np.flatnonzero(wandering.time_s < BLIND_FROM_S)[-1])
     assert wandering.sigma_m[at_end, BLIND] > 1.5 * wandering.sigma_m[at_begin, BLIND]
