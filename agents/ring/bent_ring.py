@@ -91,17 +91,23 @@ class Bender:
         self._windows = {width: _window(width) for width in _WIDTHS}
 
     def bend(self, centre_m: Pair) -> RingBend | None:
-        """Return the bend about a centre, None if no side of some zone can be passed."""
-        for share in _ACCELERATION_SHARES:
-            if (found := self._bend(centre_m, share * self._acceleration_m_s2)) is not None:
+        """Return the bend about a centre, None if no side of some zone can be passed.
+
+        Only where there is none with the zones outside of the circle left outside does it bend around these, too.
+        """
+        for around, share in product((False, True), _ACCELERATION_SHARES):
+            if (found := self._bend(centre_m, share * self._acceleration_m_s2, around=around)) is not None:
                 return found
         return None
 
-    def _bend(self, centre_m: Pair, most_m_s2: float) -> RingBend | None:
+    def _bend(self, centre_m: Pair, most_m_s2: float, *, around: bool) -> RingBend | None:
         low_m, high_m = self._intervals(centre_m)
         reach_m = self._reach_m(centre_m)
         # A ring that keeps the room to all zones anyway is a circle.
         sides = [self._fixed_side(low, high) for low, high in zip(low_m, high_m, strict=True)]
+        if around:
+            farthest_m = max([high_m[k].max() for k, side in enumerate(sides) if side >= 0], default=0.0)
+            sides = [0 if side < 0 and low_m[k].min() < farthest_m else side for k, side in enumerate(sides)]
         open_ = [k for k, side in enumerate(sides) if side == 0]
         best, best_cost = None, inf
         for choice in _choices(len(open_)):

@@ -42,6 +42,7 @@ LEAST_SHARE = 0.95
 
 # The rooms that docs/safety.md states, for the grid search.
 ROOM_M, ROOM_S, RING_FASTER = 1.0, 0.5, 1.2
+LEAST_AREA_M2 = 1.0
 GRID_M, BEARINGS, RADII_M = 0.5, 360, 0.1
 
 
@@ -117,7 +118,12 @@ def shape(zone: Content) -> shapely.Geometry:
 
 
 def is_feasible(mission: Content) -> bool:
-    """Search a grid for a ring about the resting target and for ways there, with the documented rooms."""
+    """Search a grid for a ring about the resting target and for ways there, with the documented rooms.
+
+    A mission with a polygon that encloses less than is documented is not a mission.
+    """
+    if any("polygon_m" in each and shape(each).area < LEAST_AREA_M2 for each in mission["safety"]["no_fly"]):
+        return False
     highest_m = FLYING_M + len(mission["vehicles"]) * LAYER_M
     zones = [
         (shape(each), each)

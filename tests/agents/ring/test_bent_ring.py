@@ -79,6 +79,15 @@ def test_where_neither_side_is_possible_there_is_none() -> None:
     assert bent(disc(2.0, 0.0, 2.5)) is not None, "a zone over the target is within the ring"
 
 
+def test_outside_of_a_zone_it_passes_one_behind_it_outside_as_well() -> None:
+    house = NoFlySection(name="house", polygon_m=((3.0, -2.0), (11.0, -2.0), (11.0, 2.0), (3.0, 2.0)))
+    behind = disc(13.6, 0.0, 1.0)
+    bend = bent(house, behind)
+    assert bend is not None
+    ring = flown(bend)
+    assert min(ring.distance(Point(13.6, 0.0).buffer(1.0)), ring.distance(Polygon(house.polygon_m))) >= ROOM_M - 0.02
+
+
 def test_the_room_outside_is_up_to_the_next_zone() -> None:
     bend = bent(disc(16.0, 0.0, 1.0))
     assert bend is not None
