@@ -80,6 +80,7 @@ class RingFlight:
         self._way_speed_m_s = WAY_SHARE * min(config.encirclement.speed_max_m_s, config.safety.speed_max_m_s)
         routes = routes_of(config, self._way_speed_m_s)
         self._way = None if routes is None else Way(routes)
+        self._around = False
 
     @property
     def rate_rad_s(self) -> float:
@@ -92,6 +93,7 @@ class RingFlight:
         self._reference.reset()
         self._feasibility.reset()
         self._joining.reset()
+        self._around = False
 
     def change(self, config: AgentConfig) -> None:
         """Fly the ring of another configuration from now on; a vehicle on the ring changes to it within bounds."""
@@ -145,7 +147,8 @@ class RingFlight:
     def _way_in(self, situation: Situation, centre: Vector, polar: Polar, orbit: Orbit, mixing: float) -> Plan | None:
         """Return the plan to fly around zones to the waiting circle; None once the straight way there is free.
 
-        Near the ring that is one with the least room: a vehicle may wait between ring and zone.
+        Near the ring vehicles wait beside zones: there it begins where a zone lies between vehicle and ring, and ends with
+        the least room.
         """
         bend, way = self._bend, self._way
         if bend is None or way is None or self._joining.inside:
@@ -153,12 +156,14 @@ class RingFlight:
         off_m, aside_m = bend.at_one(polar.bearing_rad)[0], self._joining.waiting_m - orbit.radius_m
         outside_m = polar.radius_m - orbit.radius_m - off_m
         if outside_m <= 0.0:
+            self._around = False
             return None
         (x, y), (centre_x, centre_y) = situation.acting_motion[POSITION].tolist(), centre[POSITION].tolist()
         share = (orbit.radius_m + off_m + min(aside_m, bend.room_at_m(polar.bearing_rad))) / polar.radius_m
         entry_m = centre_x + share * (x - centre_x), centre_y + share * (y - centre_y)
-        routes = way.routes if outside_m > 2.0 * aside_m else way.routes.narrow
-        if routes.is_straight((x, y), entry_m):
+        near = way.routes.narrow if self._around else way.routes.bare
+        self._around = not (way.routes if outside_m > 2.0 * aside_m else near).is_straight((x, y), entry_m)
+        if not self._around:
             return None
         self._reference.reset()
         self._encirclement.reset()

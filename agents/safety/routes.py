@@ -146,6 +146,11 @@ class Routes:
         """The ways with the least room, which may lead where there is none with more: there the guard slows down."""
         return routes_between(self._zones, self._fence_m, ZONE_MARGIN_M)
 
+    @property
+    def bare(self) -> "Routes":
+        """The ways without room, which only zones and fence themselves block."""
+        return routes_between(self._zones, self._fence_m, 0.0)
+
     def is_free(self, place_m: Pair) -> bool:
         """Return whether a place has the room."""
         return bool(self._shapely.covers(self._open, self._shapely.Point(place_m)))
