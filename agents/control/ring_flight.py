@@ -147,8 +147,8 @@ class RingFlight:
     def _way_in(self, situation: Situation, centre: Vector, polar: Polar, orbit: Orbit, mixing: float) -> Plan | None:
         """Return the plan to fly around zones to the waiting circle; None once the straight way there is free.
 
-        Near the ring vehicles wait beside zones: there it begins where a zone lies between vehicle and ring, and ends with
-        the least room.
+        Near the ring vehicles wait beside zones. There such a way begins if a zone lies between vehicle and ring, and
+        ends with the least room.
         """
         bend, way = self._bend, self._way
         if bend is None or way is None or self._joining.inside:

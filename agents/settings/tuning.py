@@ -186,7 +186,7 @@ class SafetyTuning(Settings):
     uncertainty_sigmas: float = tuned(
         3.0,
         "margin added to distances, in standard deviations of both estimates",
-        "3 standard deviations are exceeded in one case of 700. At the fence and at zones the margin is a third larger.",
+        "3 standard deviations are exceeded in one case of 700. At the fence and at zones it is a third larger.",
         ge=0.0,
         le=10.0,
     )
