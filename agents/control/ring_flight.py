@@ -1,7 +1,7 @@
 """The flight about the target: the ring that is flown, the vehicle's place on it, and its encirclement task."""
 
 from collections.abc import Sequence
-from math import copysign, cos, hypot, sin, tau
+from math import copysign, cos, hypot, inf, sin, tau
 
 from agents.control.aims import along
 from agents.control.encirclement import Approach, EncirclementPlanner, RingTask, undisturbed_m
@@ -43,6 +43,8 @@ one on the ring, which passes those that wait outside of it.
 """
 _HEADWAY_SHARE = 0.8
 """In narrowest wanted gaps: the largest headway, for a ring that is nearly full."""
+_HELD_S = 5.0
+"""The guard holds a vehicle at a zone for this long before it flies around it near the ring."""
 _BENT_FROM = 1.4
 """The ring bends around an obstacle from so many times the distance on at which the guard would act. Nearer, the guard
 slows down every vehicle on a fast ring that passes.
@@ -80,7 +82,7 @@ class RingFlight:
         self._way_speed_m_s = WAY_SHARE * min(config.encirclement.speed_max_m_s, config.safety.speed_max_m_s)
         routes = routes_of(config, self._way_speed_m_s)
         self._way = None if routes is None else Way(routes)
-        self._around = False
+        self._unheld_s = inf
 
     @property
     def rate_rad_s(self) -> float:
@@ -93,7 +95,7 @@ class RingFlight:
         self._reference.reset()
         self._feasibility.reset()
         self._joining.reset()
-        self._around = False
+        self._unheld_s = inf
 
     def change(self, config: AgentConfig) -> None:
         """Fly the ring of another configuration from now on; a vehicle on the ring changes to it within bounds."""
@@ -147,23 +149,27 @@ class RingFlight:
     def _way_in(self, situation: Situation, centre: Vector, polar: Polar, orbit: Orbit, mixing: float) -> Plan | None:
         """Return the plan to fly around zones to the waiting circle; None once the straight way there is free.
 
-        Near the ring vehicles wait beside zones. There such a way begins if a zone lies between vehicle and ring, and
-        ends with the least room.
+        Near the ring vehicles wait beside zones and pass them on the waiting circle. There such a way begins after the
+        guard has held the vehicle at a zone between it and the ring for a while, and ends with the least room.
         """
-        bend, way = self._bend, self._way
+        bend, way, now_s = self._bend, self._way, situation.now_s
         if bend is None or way is None or self._joining.inside:
             return None
         off_m, aside_m = bend.at_one(polar.bearing_rad)[0], self._joining.waiting_m - orbit.radius_m
         outside_m = polar.radius_m - orbit.radius_m - off_m
-        if outside_m <= 0.0:
-            self._around = False
-            return None
         (x, y), (centre_x, centre_y) = situation.acting_motion[POSITION].tolist(), centre[POSITION].tolist()
         share = (orbit.radius_m + off_m + min(aside_m, bend.room_at_m(polar.bearing_rad))) / polar.radius_m
         entry_m = centre_x + share * (x - centre_x), centre_y + share * (y - centre_y)
-        near = way.routes.narrow if self._around else way.routes.bare
-        self._around = not (way.routes if outside_m > 2.0 * aside_m else near).is_straight((x, y), entry_m)
-        if not self._around:
+        if outside_m > 2.0 * aside_m:
+            self._unheld_s = now_s
+            if way.routes.is_straight((x, y), entry_m):
+                return None
+        elif now_s - self._unheld_s <= _HELD_S:
+            if outside_m <= 0.0 or not self._guarded or way.routes.bare.is_straight((x, y), entry_m):
+                self._unheld_s = now_s
+            return None
+        elif outside_m <= 0.0 or way.routes.narrow.is_straight((x, y), entry_m):
+            self._unheld_s = now_s
             return None
         self._reference.reset()
         self._encirclement.reset()
