@@ -1,7 +1,8 @@
 """The flight about the target: the ring that is flown, the vehicle's place on it, and its encirclement task."""
 
 from collections.abc import Sequence
-from math import copysign, cos, hypot, sin, tau
+from math import copysign, cos, floor, hypot, sin, tau
+from typing import Final
 
 from agents.control.aims import along
 from agents.control.encirclement import Approach, EncirclementPlanner, RingTask, undisturbed_m
@@ -12,7 +13,7 @@ from agents.ring.commanded_ring import Orbit
 from agents.ring.detour import Headway, Motion, Obstacle, bend_m, bends, headway, met
 from agents.ring.feasibility import RingFeasibility
 from agents.ring.joining import Joining
-from agents.ring.place import RingPlace, even_places, neighbours, place_errors_rad, ring_place, weights_of
+from agents.ring.place import RingPlace, RingSize, even_places, neighbours, place_errors_rad, ring_place, weights_of
 from agents.ring.reference import RingReference, RingWay
 from agents.ring.transition import Mover
 from agents.safety.barriers import demanded_from_m, unsure_m
@@ -24,6 +25,7 @@ from agents.settings.sections import EncirclementSettings
 from agents.situation.situation import Situation
 from agents.tactics import Tactic
 from agents.team.messages import MemberState
+from agents.team.ring_members import BESIDE_FOR_S
 from agents.team.team import Team
 from estimation.polar import Polar, polar_from_motion
 from estimation.state import POSITION, VELOCITY, Vector
@@ -53,6 +55,28 @@ never reached, and the vehicles on the ring would keep room for it.
 """
 
 
+_PHASE = 0.618
+"""In periods: how much later vehicles of the next id look at all on the ring, so that not all do in the same tick."""
+
+
+class RingView:
+    """What a vehicle finds among all on its ring, until another one is `due`.
+
+    `size` is the ring's, `places` the number of even places as near to each other as its nearest, and `coming_places`
+    the same with those that wait for room. Vehicles `beside` may be next to the vehicle meanwhile. `movers` are
+    those of the spacing law, empty until the vehicle has joined.
+    """
+
+    def __init__(self, due: tuple[int, int], weights: Sequence[float], coming: Sequence[float]) -> None:
+        self.due: Final = due
+        self.size: Final = RingSize(len(weights), sum(weights))
+        self.places: Final = even_places(weights)
+        self.coming_places: Final = even_places(coming)
+        self.beside: tuple[int, ...] = ()
+        self.weights: Sequence[float] = ()
+        self.movers: Sequence[Mover] = ()
+
+
 class RingFlight:
     """Plans one vehicle's flight about the target; its state is the ring flown, and whether it has joined."""
 
@@ -65,6 +89,7 @@ class RingFlight:
         self._team = team
         self._neighbours = Neighbours(config)
         self._guarded = False
+        self._view: RingView | None = None
         self._make(config)
 
     def _make(self, config: AgentConfig) -> None:
@@ -77,6 +102,7 @@ class RingFlight:
         places = float(config.places) if config.rings else even_places(weights_of(config.slots, config.gaps))
         self._bends = RingBends(zones, config.encirclement, config.safety, places) if zones else None
         self._bend: RingBend | None = None
+        self._view = None
         self._way_speed_m_s = WAY_SHARE * min(config.encirclement.speed_max_m_s, config.safety.speed_max_m_s)
         routes = routes_of(config, self._way_speed_m_s)
         self._way = None if routes is None else Way(routes)
@@ -88,6 +114,7 @@ class RingFlight:
 
     def reset(self) -> None:
         """Restart, when the vehicle comes from another tactic."""
+        self._view = None
         self._encirclement.reset()
         self._reference.reset()
         self._feasibility.reset()
@@ -95,6 +122,7 @@ class RingFlight:
 
     def change(self, config: AgentConfig) -> None:
         """Fly the ring of another configuration from now on; a vehicle on the ring changes to it within bounds."""
+        self._view = None
         self._settings = config.encirclement
         self._feasibility.change(config.encirclement)
         self._neighbours.change(config)
@@ -190,16 +218,18 @@ class RingFlight:
         Radii of the way in and of the reference are those about the ring as if it were not bent around zones: a vehicle
         that is as far outside of a bent ring is there (`level`).
         """
-        bearings_rad = self._team.ring.bearings_rad(situation.acting_s)
-        weights = weights_of((self._vehicle_id, *bearings_rad), self._gaps)
         level = polar if self._bend is None else _level(polar, self._bend)
-        joined = self._joining.look(level, even_places(weights))
-        place = ring_place(polar.bearing_rad, list(bearings_rad.values()) if joined else (), weights)
+        view, acting_s, ring = self._look(situation, polar), situation.acting_s, self._team.ring
+        joined = self._joining.look(level, view.places)
+        if joined and not view.movers:
+            view.movers = self._movers(situation, level, orbit)
+        movers = view.movers if joined else (self._joining.mover(0.0, level.radius_m, orbit),)
+        beside_rad = ring.bearings_rad(acting_s, view.beside) if joined else ()
+        place = ring_place(polar.bearing_rad, beside_rad, view.weights, view.size)
         obstacles = self._obstacles(situation, centre, polar)
-        movers = self._movers(situation, level, orbit, joined=joined)
         radius_m = self._joining.radius_m(level, place, movers[0].error_rad) if joined else self._joining.waiting_m
         passes = self._joining.inside and not bends(orbit.radius_m, obstacles, level.radius_m)
-        room = self._headway(situation, centre, polar, orbit, passes=passes)
+        room = self._headway(situation, centre, polar, orbit, view, passes=passes)
         rates_rad_s = room.rates_rad_s
         if self._joining.inside:
             # Where the ring is bent outwards it is as far out as one that comes in, and may fly backwards.
@@ -231,11 +261,11 @@ class RingFlight:
             # Farther outside or inside a vehicle may pass: a clearance to it would make both turn back.
             neighbours=neighbours(
                 polar.bearing_rad,
-                self._team.ring.abreast(situation.acting_s, polar.radius_m, self._safety.separation_m),
+                ring.abreast(acting_s, polar.radius_m, self._safety.separation_m, view.beside),
             ),
             orbit=orbit,
             radius_m=radius_m,
-            reference=self._reference.advance(level, way, situation.acting_s),
+            reference=self._reference.advance(level, way, acting_s),
             authority=situation.authority,
             obstacles=obstacles,
             bend=self._bend,
@@ -248,19 +278,27 @@ class RingFlight:
         next_rad = polar.bearing_rad + copysign(_LOOKED_AHEAD_RAD, orbit.angular_rate_rad_s)
         return min(fence.reach_m((x, y), (cos(at), sin(at))) for at in (polar.bearing_rad, next_rad)) - _FENCE_MARGIN_M
 
-    def _movers(self, situation: Situation, polar: Polar, orbit: Orbit, *, joined: bool) -> Sequence[Mover]:
+    def _look(self, situation: Situation, polar: Polar) -> RingView:
+        """Return the view of all on the ring, a new one where it is due or peers have come or gone."""
+        ring, team, own_id = self._team.ring, self._team, self._vehicle_id
+        due = floor(situation.now_s / BESIDE_FOR_S + _PHASE * own_id), ring.revision
+        if self._view is not None and self._view.due == due:
+            return self._view
+        coming = [own_id, *(each.sender for each in team.members() if team.encircles(each))]
+        view = RingView(due, weights_of((own_id, *ring.ids), self._gaps), weights_of(coming, self._gaps))
+        view.beside = ring.beside(polar.bearing_rad, polar.radius_m, situation.acting_s, self._safety.separation_m)
+        view.weights = weights_of((own_id, *view.beside), self._gaps)
+        self._view = view
+        return view
+
+    def _movers(self, situation: Situation, polar: Polar, orbit: Orbit) -> Sequence[Mover]:
         """Return how far the vehicles' places are from even ones, and their bounds, the vehicle's own first.
 
         While the vehicles on the ring do not all know the same references, a place among those that it knows is none
         among all: the vehicle then corrects towards the middle between its neighbours, as (22) states.
-
-        A vehicle that waits for room on the ring keeps its bearing.
         """
-        mover = self._joining.mover
-        if not joined:
-            return (mover(0.0, polar.radius_m, orbit),)
-        own_rad, ring = self._reference.place_rad(polar, orbit, situation.acting_s), self._team.ring
-        others = ring.others(situation.acting_s)
+        mover, ring = self._joining.mover, self._team.ring
+        own_rad, others = self._reference.place_rad(polar, orbit, situation.acting_s), ring.others(situation.acting_s)
         if not ring.is_known_to_all(self._vehicle_id):
             weights = weights_of((self._vehicle_id, *(each for each, _, _ in others)), self._gaps)
             error_rad = ring_place(own_rad, [bearing_rad for _, bearing_rad, _ in others], weights).error_rad
@@ -269,7 +307,9 @@ class RingFlight:
         errors_rad = place_errors_rad([each[1] for each in members], [each[0] for each in members], self._gaps)
         return [mover(error, radius_m, orbit) for error, (_, _, radius_m) in zip(errors_rad, members, strict=True)]
 
-    def _headway(self, situation: Situation, centre: Vector, polar: Polar, orbit: Orbit, *, passes: bool) -> Headway:
+    def _headway(
+        self, situation: Situation, centre: Vector, polar: Polar, orbit: Orbit, view: RingView, *, passes: bool
+    ) -> Headway:
         """Return the angular rates and the radius that keep the headway to the vehicles around.
 
         A vehicle on the ring `passes` those farther out: they wait there, unless the ring is bent.
@@ -278,9 +318,9 @@ class RingFlight:
         motions = [
             _motion(member, situation.acting_s, about) for member in self._team.near() if self._team.encircles(member)
         ]
-        ids = [self._vehicle_id, *(each.sender for each in self._team.members() if self._team.encircles(each))]
-        places = even_places(weights_of(ids, self._gaps))
-        headway_m = min(_HEADWAY * self._safety.separation_m, _HEADWAY_SHARE * tau / places * orbit.radius_m)
+        headway_m = min(
+            _HEADWAY * self._safety.separation_m, _HEADWAY_SHARE * tau / view.coming_places * orbit.radius_m
+        )
         abreast_m = _PASSED * self._safety.separation_m if passes else _ABREAST * headway_m
         return headway(polar, motions, headway_m, abreast_m)
 
