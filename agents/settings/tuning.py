@@ -144,8 +144,8 @@ class EncirclementTuning(Settings):
     radius_far_m: float | None = tuned(
         None,
         "farther out a vehicle flies straight inwards",
-        "Farther out than this a vehicle flies straight inwards: unless given, 60 m or, where that is more, three times "
-        "the radius of the ring.",
+        "Farther out than this a vehicle flies straight inwards: unless given, 60 m or three times the radius of the "
+        "ring, whichever is more.",
         gt=0.0,
         le=10000.0,
     )
