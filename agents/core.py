@@ -401,8 +401,7 @@ class VehicleCore:
             if target is not None and self._engages(target, place_m):
                 # A vehicle that resumes close to the target is not in its place in line: it leaves from its position.
                 in_line = now_s - self._formed_s > self._config.encirclement.smoothing_time_s
-                ring = self._config.encirclement
-                far_m = FAR_SHARE * ring.far_m(ring.radius_m)
+                far_m = FAR_SHARE * self._config.encirclement.far_m
                 if self._wanted is None or hypot(*(target.mean[POSITION] - place_m).tolist()) < far_m:
                     self._change(Event.ENGAGE, self._reasons(target, place_m))
                     self._planner.engage(now_s, None if in_line else place_m)

@@ -172,13 +172,13 @@ class EncirclementPlanner:
         return EncirclementPlan(aim, approach, plan.status)
 
     def _take(self, orbit: Orbit) -> None:
-        self._orbit, self._far_m = orbit, self._settings.far_m(orbit.radius_m)
+        self._orbit = orbit
         self._drift_rad: Vector = np.asarray(orbit.angular_rate_rad_s * self._times_s, dtype=np.float64)
 
     def _approach(self, radius_m: float) -> Approach:
         if radius_m < self._settings.radius_min_m:
             return Approach.OUTWARD
-        return Approach.INWARD if radius_m > self._far_m else Approach.ORBIT
+        return Approach.INWARD if radius_m > self._settings.far_m else Approach.ORBIT
 
     def _radial_aim(self, motion: Vector, polar: Polar, task: RingTask) -> Vector:
         """Fly straight towards the ring, at a speed that the distance and the speed limit allow."""

@@ -13,7 +13,16 @@ from agents.ring.commanded_ring import Orbit
 from agents.ring.detour import Headway, Motion, Obstacle, bend_m, bends, headway, met
 from agents.ring.feasibility import RingFeasibility
 from agents.ring.joining import Joining
-from agents.ring.place import RingPlace, RingSize, even_places, neighbours, place_errors_rad, ring_place, weights_of
+from agents.ring.place import (
+    EVEN,
+    RingPlace,
+    RingSize,
+    even_places,
+    neighbours,
+    place_errors_rad,
+    ring_place,
+    weights_of,
+)
 from agents.ring.reference import RingReference, RingWay
 from agents.ring.transition import Mover
 from agents.safety.barriers import demanded_from_m, unsure_m
@@ -59,21 +68,32 @@ _PHASE = 0.618
 """In periods: how much later vehicles of the next id look at all on the ring, so that not all do in the same tick."""
 
 
-class RingView:
-    """What a vehicle finds among all on its ring, until another one is `due`.
+class RingRoom:
+    """How many vehicles share the ring, while none comes or goes.
 
-    `size` is the ring's, `places` the number of even places as near to each other as its nearest, and `coming_places`
-    the same with those that wait for room. Vehicles `beside` may be next to the vehicle meanwhile. `movers` are
-    those of the spacing law, empty until the vehicle has joined.
+    `size` is that of the ring, `places` the number of even places as near to each other as its nearest, and
+    `coming_places` the same with those that wait for room.
     """
 
-    def __init__(self, due: tuple[int, int], weights: Sequence[float], coming: Sequence[float]) -> None:
-        self.due: Final = due
+    def __init__(self, revision: int, weights: Sequence[float], coming: Sequence[float]) -> None:
+        self.revision: Final = revision
         self.size: Final = RingSize(len(weights), sum(weights))
         self.places: Final = even_places(weights)
         self.coming_places: Final = even_places(coming)
-        self.beside: tuple[int, ...] = ()
-        self.weights: Sequence[float] = ()
+
+
+class RingView:
+    """What a vehicle finds among all on its ring, until another one is `due`.
+
+    `room` is the ring's. Vehicles `beside` may be next to the vehicle meanwhile, `weights` are those of its gap and
+    theirs. `movers` are those of the spacing law, empty until the vehicle has joined.
+    """
+
+    def __init__(self, due: tuple[int, int], room: RingRoom, beside: tuple[int, ...], weights: Sequence[float]) -> None:
+        self.due: Final = due
+        self.room: Final = room
+        self.beside: Final = beside
+        self.weights: Final = weights
         self.movers: Sequence[Mover] = ()
 
 
@@ -83,7 +103,7 @@ class RingFlight:
     def __init__(self, config: AgentConfig, team: Team) -> None:
         self._vehicle_id = config.vehicle_id
         self._plant = config.plant
-        self._gaps = config.gaps
+        self._gaps = EVEN if all(weight == 1.0 for weight in config.gaps.values()) else config.gaps
         self._safety = config.safety
         self._fence = Fence(config.safety.fence_m) if config.safety.fence_m else None
         self._team = team
@@ -220,12 +240,12 @@ class RingFlight:
         """
         level = polar if self._bend is None else _level(polar, self._bend)
         view, acting_s, ring = self._look(situation, polar), situation.acting_s, self._team.ring
-        joined = self._joining.look(level, view.places)
+        joined = self._joining.look(level, view.room.places)
         if joined and not view.movers:
             view.movers = self._movers(situation, level, orbit)
         movers = view.movers if joined else (self._joining.mover(0.0, level.radius_m, orbit),)
         beside_rad = ring.bearings_rad(acting_s, view.beside) if joined else ()
-        place = ring_place(polar.bearing_rad, beside_rad, view.weights, view.size)
+        place = ring_place(polar.bearing_rad, beside_rad, view.weights, view.room.size)
         obstacles = self._obstacles(situation, centre, polar)
         radius_m = self._joining.radius_m(level, place, movers[0].error_rad) if joined else self._joining.waiting_m
         passes = self._joining.inside and not bends(orbit.radius_m, obstacles, level.radius_m)
@@ -284,12 +304,15 @@ class RingFlight:
         due = floor(situation.now_s / BESIDE_FOR_S + _PHASE * own_id), ring.revision
         if self._view is not None and self._view.due == due:
             return self._view
-        coming = [own_id, *(each.sender for each in team.members() if team.encircles(each))]
-        view = RingView(due, weights_of((own_id, *ring.ids), self._gaps), weights_of(coming, self._gaps))
-        view.beside = ring.beside(polar.bearing_rad, polar.radius_m, situation.acting_s, self._safety.separation_m)
-        view.weights = weights_of((own_id, *view.beside), self._gaps)
-        self._view = view
-        return view
+        if self._view is not None and self._view.room.revision == ring.revision:
+            room = self._view.room
+        else:
+            coming = [own_id, *(each.sender for each in team.members() if team.encircles(each))]
+            weights = weights_of((own_id, *ring.ids), self._gaps)
+            room = RingRoom(ring.revision, weights, weights_of(coming, self._gaps))
+        beside = ring.beside(polar.bearing_rad, polar.radius_m, situation.acting_s, self._safety.separation_m)
+        self._view = RingView(due, room, beside, weights_of((own_id, *beside), self._gaps))
+        return self._view
 
     def _movers(self, situation: Situation, polar: Polar, orbit: Orbit) -> Sequence[Mover]:
         """Return how far the vehicles' places are from even ones, and their bounds, the vehicle's own first.
@@ -305,7 +328,7 @@ class RingFlight:
             return mover(error_rad, polar.radius_m, orbit), mover(-error_rad, polar.radius_m, orbit)
         members = [(self._vehicle_id, own_rad, polar.radius_m), *others]
         errors_rad = place_errors_rad([each[1] for each in members], [each[0] for each in members], self._gaps)
-        return [mover(error, radius_m, orbit) for error, (_, _, radius_m) in zip(errors_rad, members, strict=True)]
+        return self._joining.movers(errors_rad, [each[2] for each in members], orbit)
 
     def _headway(
         self, situation: Situation, centre: Vector, polar: Polar, orbit: Orbit, view: RingView, *, passes: bool
@@ -319,7 +342,7 @@ class RingFlight:
             _motion(member, situation.acting_s, about) for member in self._team.near() if self._team.encircles(member)
         ]
         headway_m = min(
-            _HEADWAY * self._safety.separation_m, _HEADWAY_SHARE * tau / view.coming_places * orbit.radius_m
+            _HEADWAY * self._safety.separation_m, _HEADWAY_SHARE * tau / view.room.coming_places * orbit.radius_m
         )
         abreast_m = _PASSED * self._safety.separation_m if passes else _ABREAST * headway_m
         return headway(polar, motions, headway_m, abreast_m)
@@ -355,7 +378,8 @@ def _level(polar: Polar, bend: RingBend) -> Polar:
 
 def _limits(ring: EncirclementSettings) -> dict[str, object]:
     """Return what a commanded ring never changes: the limits of speed and acceleration, and the tuning."""
-    return ring.model_dump(exclude={"radius_m", "angular_rate_rad_s", "altitude_m", "tilt_deg", "tilt_bearing_deg"})
+    commanded = {"radius_m", "angular_rate_rad_s", "altitude_m", "tilt_deg", "tilt_bearing_deg"}
+    return ring.model_dump(exclude=commanded) | {"radius_far_m": ring.far_m}
 
 
 def _forwards(rates_rad_s: Pair, ring_rad_s: float) -> Pair:

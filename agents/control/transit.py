@@ -80,7 +80,7 @@ class Transit:
         away_m, there_m = hypot(goal_x - x, goal_y - y), ring.radius_m + ASIDE * config.safety.separation_m
         around_m = self._around_m((x, y), (goal_x, goal_y), away_m - there_m)
         is_straight = is_straight and around_m is None
-        self._arrived = away_m < there_m or (is_straight and away_m < FAR_SHARE * ring.far_m(ring.radius_m))
+        self._arrived = away_m < there_m or (is_straight and away_m < FAR_SHARE * ring.far_m)
         if around_m is not None:
             way_m_s = WAY_SHARE * min(ring.speed_max_m_s, config.safety.speed_max_m_s)
             return along(situation, around_m, config.plant, way_m_s)

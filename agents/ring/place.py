@@ -16,7 +16,7 @@ EVEN: Final[Gaps] = {}
 
 def weights_of(ids: Iterable[int], gaps: Gaps) -> list[float]:
     """Return the weights of the gaps ahead of vehicles."""
-    return [gaps.get(each, 1.0) for each in ids]
+    return [gaps.get(each, 1.0) for each in ids] if gaps else [1.0 for _ in ids]
 
 
 def even_places(weights: Sequence[float]) -> float:

@@ -152,7 +152,8 @@ class AgentConfig:
         """
         names = ("radius_m", "angular_rate_rad_s", "altitude_m", "tilt_deg")
         given = zip(names, (radius_m, angular_rate_rad_s, altitude_m, tilt_deg), strict=True)
-        ring = self.encirclement.model_copy(update={name: value for name, value in given if value is not None})
+        update = {name: value for name, value in given if value is not None} | {"radius_far_m": self.encirclement.far_m}
+        ring = self.encirclement.model_copy(update=update)
         engages_m = self.decision.distance_max_m + max(0.0, ring.radius_m - self.encirclement.radius_m)
         return replace(self, encirclement=ring, decision=self.decision.model_copy(update={"distance_max_m": engages_m}))
 

@@ -112,9 +112,10 @@ class EncirclementSettings(EncirclementSection, EncirclementTuning):
         left_m_s = max(0.9 * self.speed_max_m_s - ring_m_s, 0.5 * ring_m_s, 1.0)
         return min(max(1.0, 0.5 * ring_m_s, 0.1 * self.radius_m), left_m_s, self.speed_max_m_s)
 
-    def far_m(self, radius_m: float) -> float:
-        """Return how far out a vehicle flies straight inwards to a ring of this radius."""
-        return max(_FAR_M, _FAR_RADII * radius_m) if self.radius_far_m is None else self.radius_far_m
+    @property
+    def far_m(self) -> float:
+        """How far out a vehicle flies straight inwards; it does not follow a commanded radius."""
+        return max(_FAR_M, _FAR_RADII * self.radius_m) if self.radius_far_m is None else self.radius_far_m
 
     @property
     def rise_m(self) -> float:

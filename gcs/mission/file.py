@@ -58,7 +58,7 @@ def identified(mission: Mission) -> Mission:
 
 
 def _ring(ring: EncirclementSettings) -> dict[str, object]:
-    return ring.model_dump(mode="json") | {"radius_far_m": ring.far_m(ring.radius_m)}
+    return ring.model_dump(mode="json") | {"radius_far_m": ring.far_m}
 
 
 def _digest(mission: Mission) -> str:
