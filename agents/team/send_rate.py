@@ -6,7 +6,6 @@ the number of vehicles, and allows for the loss of a state.
 """
 
 from math import hypot, inf
-from typing import Final
 
 from agents.tactics import Tactic
 from agents.team.messages import TOPICS, MemberState, NeighbourAngle, RingChoice
@@ -60,7 +59,7 @@ def goes_on(before: MemberState, state: MemberState) -> bool:
     """Return whether a state agrees with its prediction from an earlier one."""
     step_s = state.time_s - before.time_s
     if (
-        not KnownTask(before).goes_on(state)
+        not task_goes_on(before, state)
         or abs(state.altitude_m - before.altitude_m) > _ALTITUDE_M
         or abs(state.position_sigma_m - before.position_sigma_m) > _SIGMA_M
     ):
@@ -77,57 +76,16 @@ def goes_on(before: MemberState, state: MemberState) -> bool:
     )
 
 
-class KnownPlace:
-    """A place on the ring, None off it, and whether later ones agree with its prediction.
-
-    It has what it compares as plain numbers: attributes of messages take longer to read, and a receiver compares each
-    state of every vehicle.
-    """
-
-    def __init__(self, place: NeighbourAngle | None) -> None:
-        self._is_on_ring: Final = place is not None
-        if place is None:
-            return
-        self._time_s = place.time_s
-        self._references = place.references
-        self._rate_share, self._radius_share = place.rate_share, place.radius_share
-        self._has_reference = place.reference_rad is not None
-        self._reference_rad, self._rate_rad_s = place.reference_rad or 0.0, place.reference_rate_rad_s
-
-    def goes_on(self, place: NeighbourAngle | None) -> bool:
-        """Return whether a later place agrees with the prediction."""
-        if place is None or not self._is_on_ring:
-            return place is None and not self._is_on_ring
-        if place.references != self._references:
-            return False
-        if abs(place.rate_share - self._rate_share) > _SHARE or abs(place.radius_share - self._radius_share) > _SHARE:
-            return False
-        reference_rad = place.reference_rad
-        if reference_rad is None or not self._has_reference:
-            return reference_rad is None and not self._has_reference
-        moved_rad = self._rate_rad_s * (place.time_s - self._time_s)
-        return abs(wrap_signed_rad(reference_rad - self._reference_rad - moved_rad)) * place.radius_m <= _REFERENCE_M
-
-
-class KnownTask:
-    """The task in the state of `time_s`, and whether it is unchanged in later ones."""
-
-    def __init__(self, state: MemberState) -> None:
-        self.time_s: Final = state.time_s
-        self._tactic, self._alert, self._shaped_s = state.tactic, state.alert, state.shaped_s
-        self._ring, self._choice = state.ring, state.choice
-        self._place = KnownPlace(state.angle)
-
-    def goes_on(self, state: MemberState) -> bool:
-        """Return whether the task is unchanged, and the place on the ring agrees with the prediction."""
-        return (
-            state.tactic == self._tactic
-            and state.alert == self._alert
-            and state.shaped_s == self._shaped_s
-            and state.ring == self._ring
-            and _same_choice(self._choice, state.choice)
-            and self._place.goes_on(state.angle)
-        )
+def task_goes_on(before: MemberState, state: MemberState) -> bool:
+    """Return whether a vehicle's task is unchanged, and its place on the ring agrees with the prediction."""
+    return (
+        state.tactic == before.tactic
+        and state.alert == before.alert
+        and state.shaped_s == before.shaped_s
+        and state.ring == before.ring
+        and _same_choice(before.choice, state.choice)
+        and place_goes_on(before.angle, state.angle)
+    )
 
 
 def _same_choice(before: RingChoice | None, choice: RingChoice | None) -> bool:
@@ -135,3 +93,18 @@ def _same_choice(before: RingChoice | None, choice: RingChoice | None) -> bool:
     if choice is None or before is None:
         return choice is before
     return choice.ring == before.ring and choice.commanded == before.commanded
+
+
+def place_goes_on(before: NeighbourAngle | None, place: NeighbourAngle | None) -> bool:
+    """Return whether a place on the ring (None: off it) agrees with its prediction from an earlier one."""
+    if place is None or before is None:
+        return place is before
+    if place.references != before.references:
+        return False
+    if abs(place.rate_share - before.rate_share) > _SHARE or abs(place.radius_share - before.radius_share) > _SHARE:
+        return False
+    if place.reference_rad is None or before.reference_rad is None:
+        return place.reference_rad is before.reference_rad
+    moved_rad = before.reference_rate_rad_s * (place.time_s - before.time_s)
+    off_rad = wrap_signed_rad(place.reference_rad - before.reference_rad - moved_rad)
+    return abs(off_rad) * place.radius_m <= _REFERENCE_M

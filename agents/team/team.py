@@ -7,7 +7,7 @@ from agents.tactics import Tactic
 from agents.team.consistency_check import ConsistencyCheck, Inconsistency
 from agents.team.messages import TOPICS, MemberState
 from agents.team.ring_members import RingMembers
-from agents.team.send_rate import KnownTask
+from agents.team.send_rate import task_goes_on
 from estimation.state import Vector
 
 _SILENT_S = TOPICS[MemberState].age_max_s
@@ -34,7 +34,6 @@ class Team:
         """Take the consistency check of states."""
         self._consistency = consistency
         self._members: dict[int, MemberState] = {}
-        self._tasks: dict[int, KnownTask] = {}  # of distant members
         self._all: tuple[MemberState, ...] | None = None
         self._waiting: dict[int, MemberState] = {}
         self._silent: dict[int, MemberState] = {}
@@ -52,21 +51,13 @@ class Team:
 
         A waiting state is processed when the next one is due, or when the peer falls silent.
         """
-        sender = state.sender
-        if self._near_ids is None or sender in self._near_ids or state.sightings:
+        if self._near_ids is None or state.sender in self._near_ids or state.sightings:
             return False
-        task = self._tasks.get(sender) or self._known_task(sender)
-        if task is None or not 0.0 < state.time_s - task.time_s < _FAR_PERIOD_S or not task.goes_on(state):
+        known = self._members.get(state.sender)
+        if known is None or not 0.0 < state.time_s - known.time_s < _FAR_PERIOD_S or not task_goes_on(known, state):
             return False
-        self._waiting[sender] = state
+        self._waiting[state.sender] = state
         return True
-
-    def _known_task(self, sender: int) -> KnownTask | None:
-        known = self._members.get(sender)
-        if known is None:
-            return None
-        self._tasks[sender] = task = KnownTask(known)
-        return task
 
     def watch_due(self, now_s: float) -> bool:
         """Return whether the near peers have to be selected again."""
@@ -86,8 +77,6 @@ class Team:
         fresh = known is not None and state.time_s - known.time_s <= _SILENT_S
         if self._consistency.accepts(state, known=fresh) and (known is None or state.time_s > known.time_s):
             self._members[sender] = state
-            if self._tasks:
-                self._tasks.pop(sender, None)
             self._all = self._near = None
             if self._silent:
                 self._silent.pop(sender, None)
@@ -107,7 +96,6 @@ class Team:
         self._waiting.pop(vehicle_id, None)
         self._silent.pop(vehicle_id, None)
         member = self._members.pop(vehicle_id, None)
-        self._tasks.pop(vehicle_id, None)
         self.ring.forget(vehicle_id)
         if member is not None:
             self._lost[vehicle_id] = member
@@ -123,7 +111,6 @@ class Team:
                 member = self._members[sender]
                 if member.time_s < gone_s:
                     self._lost[sender] = self._members.pop(sender)
-                    self._tasks.pop(sender, None)
                     self._silent.pop(sender, None)
                     self._all = None
                     self.ring.changed()

@@ -8,7 +8,7 @@ import pytest
 from msgspec.structs import replace
 
 from agents.team.messages import CommandedRing, MemberState, NeighbourAngle, TargetPackage
-from agents.team.send_rate import HEARTBEAT_S, KnownPlace, SendRate, goes_on
+from agents.team.send_rate import HEARTBEAT_S, SendRate, goes_on, place_goes_on
 
 RATE_HZ = 20.0
 SIGHTING = TargetPackage(1, 0.0, (0.0, 0.0), (1.0, 0.0, 1.0), 0.8, 0.2, (2,))
@@ -108,7 +108,7 @@ def test_in_formation_others_keep_station_on_the_setpoint() -> None:
 @pytest.mark.parametrize(("off_m", "goes"), [(0.0, True), (0.019, True), (-0.019, True), (0.021, False)])
 def test_a_reference_goes_on_at_its_rate_across_the_wrap(off_m: float, goes: bool) -> None:
     later = replace(PLACE, time_s=12.0, reference_rad=3.2 - 2.0 * np.pi + off_m / PLACE.radius_m)
-    assert KnownPlace(PLACE).goes_on(later) is goes
+    assert place_goes_on(PLACE, later) is goes
 
 
 @pytest.mark.parametrize(
@@ -117,5 +117,5 @@ def test_a_reference_goes_on_at_its_rate_across_the_wrap(off_m: float, goes: boo
     ids=lambda each: next(iter(each)),
 )
 def test_a_ring_that_is_less_and_a_reference_that_ends_do_not_go_on(changes: dict[str, Any]) -> None:
-    assert not KnownPlace(PLACE).goes_on(replace(PLACE, **changes))
-    assert not KnownPlace(replace(PLACE, **changes)).goes_on(PLACE)
+    assert not place_goes_on(PLACE, replace(PLACE, **changes))
+    assert not place_goes_on(replace(PLACE, **changes), PLACE)
