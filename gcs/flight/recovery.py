@@ -75,6 +75,7 @@ async def prepare_recovery(team: FlightTeam, recovery: TeamRecovery, report: Fin
     if recovery.flies_on:
         _require_feasible(mission, report)
     judged = standings(mission, facts, missing, recovery.from_pilot)
+    recovery.record.judge(judged, facts)
     report([each.finding for each in judged])
     _require_takeable(judged)
     if not (recovery.confirmed or await _confirmed(team.view, _question(mission, judged, recovery))):

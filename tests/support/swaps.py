@@ -4,6 +4,8 @@ Measured are the true motions, about the target's true path.
 """
 
 import asyncio
+import signal
+from asyncio.subprocess import Process
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from itertools import combinations, pairwise
@@ -127,6 +129,17 @@ async def commanded(team: Team, *command: str) -> tuple[int, str]:
     assert process.returncode is not None
     assert "Traceback" not in err.decode(), err.decode()
     return process.returncode, " ".join(err.decode().split())
+
+
+async def ended(team: Team, flight: Process, *, interrupts: int = 2) -> tuple[str, str]:
+    """End a flight as an operator does at once, after two interrupts in all; return its output once all are down."""
+    for _ in range(interrupts):
+        flight.send_signal(signal.SIGINT)
+        await team.clock.sleep(1.0)
+    with hurried(team.clock):
+        await until(lambda: not team.aloft, 200.0, "all landings", clock=team.clock)
+    out, err = await flight.communicate()
+    return out.decode(), err.decode()
 
 
 async def in_offboard(team: Team) -> None:

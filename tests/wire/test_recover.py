@@ -12,6 +12,7 @@ import sys
 from collections.abc import Callable, Mapping
 from math import dist
 from pathlib import Path
+from typing import Any
 
 import psutil
 import pytest
@@ -48,7 +49,7 @@ async def kill_in_mid_ring(team: Team) -> None:
                 lambda: all(each.mode is NavMode.OFFBOARD for each in flown), 300.0, "offboard", clock=team.clock
             )
             await team.clock.sleep(45.0)
-        code, said = await recovered(team)
+        code, said, _ = await recovered(team)
         assert code == 3, said
         assert "still runs" in said
         assert "cordon command" in said
@@ -65,15 +66,14 @@ def kill_whole(supervisor: int) -> None:
         os.kill(process_id, signal.SIGKILL)
 
 
-async def recovered(team: Team, *options: str, path: str = "", log: str = "") -> tuple[int, str]:
-    """Recover the team; return the exit code and what was said."""
-    arguments = (path or team.path, "--yes", *(("--log", log) if log else ("--no-log",)), *options)
+async def recovered(team: Team, *options: str, path: str = "", log: str = "") -> tuple[int, str, Any]:
+    """Recover the team; return the exit code, what was said, and the result."""
+    arguments = (path or team.path, "--yes", "--json", *(("--log", log) if log else ("--no-log",)), *options)
     async with asyncio.timeout(PATIENCE_S), running("recover", *arguments) as process:
         out, err = await process.communicate()
-    assert out == b""
     assert process.returncode is not None
     assert "Traceback" not in err.decode(), err.decode()
-    return process.returncode, err.decode()
+    return process.returncode, err.decode(), json.loads(out)
 
 
 @pytest.mark.long
@@ -84,7 +84,7 @@ async def test_a_team_whose_flight_was_killed_in_mid_ring_comes_home(mission_fil
         assert min(map(team.off_start_m, (1, 2, 3))) > 2.0, "they are on the ring"
         began_s = team.clock.now_s()
         async with team.watched():
-            code, said = await recovered(team)
+            code, said, _ = await recovered(team)
         took_s = team.clock.now_s() - began_s
         print(f"MEASURED ring: least distance {team.least_m:.2f} m, {took_s:.0f} s from the command to the end")
         assert code == 0, said
@@ -120,8 +120,10 @@ async def test_a_pilot_keeps_his_vehicle_and_one_that_fell_is_reported(
         await take_off(team, {1: 15.5, 3: 8.0})
         team.vehicles[1]._intention.mode = NavMode.POSITION
         place_m = team.place_m(1)
+        began_s = team.clock.now_s()
         async with team.watched():
-            code, said = await recovered(team)
+            code, said, result = await recovered(team)
+            took_s = team.clock.now_s() - began_s
         print(f"MEASURED pilot: least distance {team.least_m:.2f} m")
         assert code == 4, said
         assert team.aloft == {1}
@@ -131,6 +133,17 @@ async def test_a_pilot_keeps_his_vehicle_and_one_that_fell_is_reported(
         assert not team.vehicles[3].armed
         assert team.off_start_m(3) < HOME_M
         assert team.least_m >= team.mission.safety.separation_m
+        found = {each["id"]: each for each in result["vehicles"]}
+        assert {i: (each["treatment"], each["how"]) for i, each in found.items()} == {
+            1: ("leave to its pilot", "pilot"),
+            2: ("leave alone", None),
+            3: ("bring home", "landed"),
+        }
+        assert found[3]["from_start_m"] == pytest.approx(20.0, abs=0.5)
+        assert found[3]["landed_from_start_m"] == pytest.approx(team.off_start_m(3), abs=0.2)
+        assert 10.0 < found[3]["landed_at_s"] <= result["duration_s"] < took_s
+        assert result["distance_min_m"] == pytest.approx(team.least_m, abs=0.3)
+        assert result["ended"]["vehicles"] == [1]
     words = " ".join(said.split())
     assert "warning vehicle 1 it is in the air in mode other" in words
     assert "--take-from-pilot 1" in words
@@ -148,7 +161,7 @@ async def test_a_vehicle_is_taken_from_its_pilot_at_the_word_and_a_silent_one_is
         await take_off(team, {1: 8.0, 2: 8.0})
         team.vehicles[2]._intention.mode = NavMode.POSITION
         team.stubs.stubs[3].faults.link_cut = True
-        code, said = await recovered(team, "--take-from-pilot", "2", "--land", log=str(tmp_path / "home.mcap"))
+        code, said, _ = await recovered(team, "--take-from-pilot", "2", "--land", log=str(tmp_path / "home.mcap"))
         assert code == 0, said
         assert not team.aloft
         assert {i: dist(team.place_m(i)[:2], place_m) < 1.0 for i, place_m in places_m.items()} == {1: True, 2: True}
@@ -172,16 +185,18 @@ async def test_nothing_is_sent_while_one_must_not_be_taken_and_the_others_come_h
         team.vehicles[2].arm()
         modes = {i: each.mode for i, each in team.vehicles.items()}
         with subtests.test("refused, and nothing was sent"):
-            code, said = await recovered(team)
+            code, said, result = await recovered(team)
             words = " ".join(said.split())
             assert code == 3, said
+            assert [result[key] for key in ("ended", "duration_s", "distance_min_m")] == [None] * 3
+            assert [each["grade"] for each in result["vehicles"]] == ["pass", "refuse", "refuse"]
             assert "refuse vehicle 2 it is armed on the ground" in words
             assert "carries system id 7, not 3" in words
             assert "nothing was sent to the vehicles: vehicles 2 and 3 must not be taken" in words
             assert {i: each.mode for i, each in team.vehicles.items()} == modes
             assert set(setpoints(team).values()) == {0}
         with subtests.test("the other one comes home without them"):
-            code, said = await recovered(team, "--leave", "2", "--leave", "3")
+            code, said, _ = await recovered(team, "--leave", "2", "--leave", "3")
             assert code == 0, said
             assert team.aloft == {7}
             assert team.off_start_m(1) < HOME_M
@@ -234,7 +249,7 @@ async def test_another_computer_with_the_teams_keys_brings_them_home_once_no_fli
                 await until(lambda: team.vehicles[1].mode is NavMode.OFFBOARD, 60.0, "offboard", clock=team.clock)
                 await team.clock.sleep(60.0)
             monkeypatch.setenv("XDG_RUNTIME_DIR", str(laptop / "run"))
-            code, said = await recovered(team, path=path)
+            code, said, _ = await recovered(team, path=path)
             assert code == 3, said
             assert "still runs: vehicles 1, 2 and 3 reported on its bus" in said
             assert all(each.mode is NavMode.OFFBOARD for each in team.vehicles.values())
@@ -242,7 +257,7 @@ async def test_another_computer_with_the_teams_keys_brings_them_home_once_no_fli
         await until(lambda: team.vehicles[1].mode is NavMode.HOLD, 30.0, "the autopilots' failsafe", clock=team.clock)
         assert min(map(team.off_start_m, (1, 2, 3))) > 5.0
         async with team.watched():
-            code, said = await recovered(team, path=path)
+            code, said, _ = await recovered(team, path=path)
         assert code == 0, said
         assert max(map(team.off_start_m, (1, 2, 3))) < HOME_M
         assert team.least_m >= team.mission.safety.separation_m
