@@ -12,21 +12,18 @@ import sys
 from collections.abc import Callable, Mapping
 from math import dist
 from pathlib import Path
-from typing import Any
 
-import psutil
 import pytest
 
 from gcs.keys.authority_folder import AuthorityFolder
 from sitl.autopilot.modes import NavMode
+from tests.support.recoveries import HOME_M, in_mid_ring, kill_whole, recovered
 from tests.support.served_team import FAST, UNLIKE, Team, team_of
 from tests.support.terminals import take_terminal, terminal
 from tests.support.wire import PATIENCE_S, hurried, running, until
 
 pytestmark = pytest.mark.wire
 
-HOME_M = 1.5
-"""How far from its start a vehicle lands that returns there."""
 ON_RING = (
     *UNLIKE,
     ("start_m = [35.0, -5.0]", "start_m = [14.0, 0.0]"),
@@ -41,39 +38,14 @@ async def kill_in_mid_ring(team: Team) -> None:
 
     Until then a flight runs, and its vehicles are not taken from it.
     """
-    async with running("fly", team.path, "--no-log") as flight:
-        flown = team.vehicles.values()
-        await until(lambda: any(each.armed for each in flown), waiting_for="a take-off")
-        with hurried(team.clock):
-            await until(
-                lambda: all(each.mode is NavMode.OFFBOARD for each in flown), 300.0, "offboard", clock=team.clock
-            )
-            await team.clock.sleep(45.0)
+    async with in_mid_ring(team) as flight:
         code, said, _ = await recovered(team)
         assert code == 3, said
         assert "still runs" in said
         assert "cordon command" in said
-        assert all(each.mode is NavMode.OFFBOARD for each in flown)
+        assert all(each.mode is NavMode.OFFBOARD for each in team.vehicles.values())
         kill_whole(flight.pid)
     await until(lambda: team.vehicles[1].mode is NavMode.HOLD, 30.0, "the autopilots' failsafe", clock=team.clock)
-
-
-def kill_whole(supervisor: int) -> None:
-    """Kill the supervisor of a flight, and at once its flying process."""
-    flying = [each for each in psutil.Process(supervisor).children() if "fly" in each.cmdline()]
-    assert len(flying) == 1
-    for process_id in (supervisor, flying[0].pid):
-        os.kill(process_id, signal.SIGKILL)
-
-
-async def recovered(team: Team, *options: str, path: str = "", log: str = "") -> tuple[int, str, Any]:
-    """Recover the team; return the exit code, what was said, and the result."""
-    arguments = (path or team.path, "--yes", "--json", *(("--log", log) if log else ("--no-log",)), *options)
-    async with asyncio.timeout(PATIENCE_S), running("recover", *arguments) as process:
-        out, err = await process.communicate()
-    assert process.returncode is not None
-    assert "Traceback" not in err.decode(), err.decode()
-    return process.returncode, err.decode(), json.loads(out)
 
 
 @pytest.mark.long

@@ -90,7 +90,10 @@ IN_RESERVE = ("start_m = [0.0, -4.0]\n", f"start_m = [0.0, -4.0]\n{FOURTH}")
 
 @pytest.mark.long
 async def test_a_reserve_takes_over_before_a_battery_is_low(mission_file: Callable[..., str], tmp_path: Path) -> None:
-    """The relieved vehicle comes home once the other flies, so that the ring has never more members than before."""
+    """The relieved vehicle comes home once the other flies, so that the ring has never more members than before.
+
+    The reserve is switched on only in mid-flight.
+    """
     path, log = mission_file("case2", *NEAR_TARGET, IN_RESERVE), tmp_path / "reserve.mcap"
     async with (
         team_of(path) as team,
@@ -98,12 +101,16 @@ async def test_a_reserve_takes_over_before_a_battery_is_low(mission_file: Callab
         running("fly", path, "--log", str(log), "--json") as flight,
     ):
         tracks, flown = Tracks(team), [team.vehicles[i] for i in ALL]
+        team.stubs.stubs[4].faults.link_cut = True
         flown[1].battery_fraction = 0.29
         recording = asyncio.create_task(tracks.record())
         await until(lambda: all(each.armed for each in flown), waiting_for="take-offs")
         with hurried(team.clock):
             await team.clock.sleep(20.0 + SETTLING_S)
             assert not team.vehicles[4].armed
+            code, said = await told(team, 4)
+            assert (code, "its link is lost" in said) == (3, True), said
+            team.stubs.stubs[4].faults.link_cut = False
             code, said = await commanded(team, "command", "resume")
             assert code == 0, said
             await until(lambda: team.vehicles[4].armed, 60.0, "the reserve's take-off", clock=team.clock)
@@ -122,4 +129,6 @@ async def test_a_reserve_takes_over_before_a_battery_is_low(mission_file: Callab
     assert tracks.least_m(until_s=ends_s) >= team.mission.safety.separation_m
     result = json.loads(out)
     assert result["departures"] == [], "it was sent home before its battery was low"
+    assert "in reserve, and not received: no heartbeat" in " ".join(err.split())
+    assert "vehicle 4, in reserve, is received now" in err
     assert "is called from the reserve" in err
