@@ -9,10 +9,9 @@ or the one with a pilot is moved.
 import asyncio
 import sys
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager
 from dataclasses import dataclass
-from itertools import combinations
-from math import dist, inf
+from math import dist
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -31,8 +30,6 @@ from tests.support.wire import until
 
 COUNT = 16
 PATIENCE_S = 1800.0
-HEIGHTS_OFF_M = 0.5
-"""How far two vehicles above each other may be off their layers, in sum."""
 
 
 @dataclass(frozen=True)
@@ -56,25 +53,6 @@ class Recovery:
         )
 
 
-class Distances:
-    """The least distances of a team's vehicles in the air, by true motions: of all, and of those at like heights."""
-
-    def __init__(self, team: Team) -> None:
-        self._team, self.least_m, self.least_level_m = team, inf, inf
-
-    async def measure(self) -> None:
-        """Measure until cancelled."""
-        team = self._team
-        above_m = team.mission.safety.vertical_separation_m - HEIGHTS_OFF_M
-        while True:
-            places_m = [team.place_m(i) for i in sorted(team.aloft)]
-            for one, other in combinations(places_m, 2):
-                self.least_m = min(self.least_m, dist(one, other))
-                if abs(one[2] - other[2]) < above_m:
-                    self.least_level_m = min(self.least_level_m, dist(one[:2], other[:2]))
-            await team.clock.sleep(0.1)
-
-
 async def flown(seed: int, folder: Path, *, troubled: bool) -> Recovery:
     """Fly a seed's team; `troubled`, a pilot takes one vehicle after the kill, and one falls."""
     draw = np.random.default_rng(seed)
@@ -82,22 +60,20 @@ async def flown(seed: int, folder: Path, *, troubled: bool) -> Recovery:
     pilot, fallen = (int(each) for each in draw.permutation(COUNT)[:2] + 1) if troubled else (0, 0)
     async with team_of(path) as team:
         team.clock.set_speed(preparing_speed(COUNT))
-        distances = Distances(team)
         async with in_mid_ring(team, float(draw.uniform(40.0, 120.0))) as flight:
-            measuring = asyncio.create_task(distances.measure())
             kill_whole(flight.pid)
-        await until(lambda: _all_hold(team), 30.0, "the autopilots' failsafe", clock=team.clock)
-        with _steered_by_nothing():
-            if troubled:
-                team.vehicles[pilot]._intention.mode = NavMode.POSITION
-                team.vehicles[fallen].disarm(force=True)
-                await team.clock.sleep(5.0)
-                piloted_m = team.place_m(pilot)
-            code, said, result = await recovered(team, "--speed", "max", patience_s=PATIENCE_S)
-        measuring.cancel()
+        async with team.watched():
+            with _sticks_centred():
+                await until(lambda: _all_hold(team), 30.0, "the autopilots' failsafe", clock=team.clock)
+                if troubled:
+                    team.vehicles[pilot]._intention.mode = NavMode.POSITION
+                    team.vehicles[fallen].disarm(force=True)
+                    await team.clock.sleep(5.0)
+                    piloted_m = team.place_m(pilot)
+                code, said, result = await recovered(team, patience_s=PATIENCE_S)
         home = [i for i in team.vehicles if i not in (pilot, fallen)]
         off_m = max(map(team.off_start_m, home))
-        faults = list(_faults(team, result, home, distances.least_level_m, off_m))
+        faults = list(_faults(team, result, home, off_m))
         if troubled and (team.aloft != {pilot} or dist(team.place_m(pilot), piloted_m) > 0.5):
             faults.append(f"the pilot's vehicle {pilot} was moved")
         if code != (4 if troubled else 0):
@@ -105,11 +81,11 @@ async def flown(seed: int, folder: Path, *, troubled: bool) -> Recovery:
     ends = [each["how"] or each["treatment"] for each in result["vehicles"]]
     name = f"seed {seed}, " + (f"a pilot flies {pilot}, {fallen} has fallen" if troubled else "all in the air")
     count = {how: ends.count(how) for how in ends}
-    return Recovery(name, distances.least_m, distances.least_level_m, result["duration_s"], count, off_m, tuple(faults))
+    return Recovery(name, team.least_m, team.least_level_m, result["duration_s"], count, off_m, tuple(faults))
 
 
-def _faults(team: Team, result: Any, home: list[int], least_level_m: float, off_m: float) -> Iterator[str]:
-    if least_level_m < team.mission.safety.separation_m:
+def _faults(team: Team, result: Any, home: list[int], off_m: float) -> Iterator[str]:
+    if team.least_level_m < team.mission.safety.separation_m:
         yield "two came nearer than the separation"
     if off_m > HOME_M:
         yield "one landed elsewhere"
@@ -122,11 +98,9 @@ def _all_hold(team: Team) -> bool:
     return all(each.mode is NavMode.HOLD for each in team.vehicles.values())
 
 
-@contextmanager
-def _steered_by_nothing() -> Iterator[None]:
-    """Let a stub's pilot hold it where it is, with sticks in the middle."""
-    with patch("sitl.autopilot.guidance.NEEDS_STICKS", frozenset()):
-        yield
+def _sticks_centred() -> AbstractContextManager[object]:
+    """Let a stub's pilot hold it where it is."""
+    return patch("sitl.autopilot.guidance.NEEDS_STICKS", frozenset())
 
 
 def _mission(seed: int, draw: np.random.Generator, folder: Path) -> str:

@@ -20,7 +20,7 @@ HOME_M = 1.5
 
 
 @asynccontextmanager
-async def in_mid_ring(team: Team, ring_s: float = 45.0) -> AsyncIterator[Process]:
+async def in_mid_ring(team: Team, offboard_s: float = 45.0) -> AsyncIterator[Process]:
     """Fly the mission, until all have flown for a time in offboard [s of the team's clock]."""
     async with running("fly", team.path, "--no-log") as flight:
         flown = team.vehicles.values()
@@ -29,7 +29,7 @@ async def in_mid_ring(team: Team, ring_s: float = 45.0) -> AsyncIterator[Process
             await until(
                 lambda: all(each.mode is NavMode.OFFBOARD for each in flown), 300.0, "offboard", clock=team.clock
             )
-            await team.clock.sleep(ring_s)
+            await team.clock.sleep(offboard_s)
         yield flight
 
 
@@ -45,7 +45,15 @@ async def recovered(
     team: Team, *options: str, path: str = "", log: str = "", patience_s: float = PATIENCE_S
 ) -> tuple[int, str, Any]:
     """Recover the team; return the exit code, what was said, and the result."""
-    arguments = (path or team.path, "--yes", "--json", *(("--log", log) if log else ("--no-log",)), *options)
+    arguments = (
+        path or team.path,
+        "--yes",
+        "--json",
+        "--speed",
+        "max",
+        *(("--log", log) if log else ("--no-log",)),
+        *options,
+    )
     async with asyncio.timeout(patience_s), running("recover", *arguments) as process:
         out, err = await process.communicate()
     assert process.returncode is not None

@@ -16,7 +16,7 @@ from agents.inputs import Start
 from gcs.flightlog.reader import FlightLog, read_log
 from sitl.autopilot.modes import NavMode
 from tests.support.served_team import Team
-from tests.support.wire import PATIENCE_S, hurried, running, until
+from tests.support.wire import PATIENCE_S, at_speed, hurried, running, until
 
 NEAR_TARGET = (
     ("start_m = [35.0, -5.0]", "start_m = [22.0, 0.0]"),
@@ -124,8 +124,9 @@ async def told(team: Team, vehicle: int) -> tuple[int, str]:
 
 async def commanded(team: Team, *command: str) -> tuple[int, str]:
     """Send a command to a team; return the exit code and what was said."""
-    async with asyncio.timeout(PATIENCE_S), running(*command, "--mission", team.path) as process:
-        _, err = await process.communicate()
+    with at_speed(team.clock, 1.0):
+        async with asyncio.timeout(PATIENCE_S), running(*command, "--mission", team.path) as process:
+            _, err = await process.communicate()
     assert process.returncode is not None
     assert "Traceback" not in err.decode(), err.decode()
     return process.returncode, " ".join(err.decode().split())

@@ -35,7 +35,7 @@ async def test_a_vehicle_that_landed_with_a_low_battery_comes_back_into_the_ring
         recording = asyncio.create_task(tracks.record())
         await in_offboard(team)
         with hurried(team.clock):
-            await team.clock.sleep(SETTLING_S)
+            await team.clock.sleep(1.5 * SETTLING_S)
         code, said = await told(team, 2)
         assert (code, "it has not landed" in said) == (3, True), said
         swapped = await swap(team, 2, emptied=True)
