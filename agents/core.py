@@ -6,7 +6,7 @@ returns. The same object therefore flies over MAVLink, in the simulation, and ag
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from math import dist, hypot, inf
+from math import hypot, inf
 from typing import Any
 
 from mypy_extensions import mypyc_attr
@@ -50,12 +50,12 @@ from agents.notes import (
 )
 from agents.outputs import CoreStatus, LandingCause, Outgoing, TickOutput
 from agents.ports import Connection, FlightMode, ModeSource, Reference, Setpoint
+from agents.refusals import place_refusal, rejoin_refusal
 from agents.ring.chooser import RingChooser, Wanted
 from agents.ring.commanded_rings import CommandedRings
 from agents.safety.failsafe import POSITION_ALERTS, override
 from agents.safety.failsafe_monitor import FailsafeMonitor
 from agents.safety.fault_detector import FaultDetector, Faults
-from agents.safety.fence import Area
 from agents.safety.guard import Guard, Guarded, GuardStatus, Interventions
 from agents.safety.neighbours import NEAR_FOR_S, Neighbours
 from agents.safety.traffic import KnownTraffic
@@ -74,7 +74,6 @@ from agents.team.messages import (
     LINK_SILENT_S,
     CommandAnswer,
     CommandedRing,
-    Goal,
     MemberState,
     NextChange,
     OperatorCommand,
@@ -88,11 +87,6 @@ _CHOOSES = (Tactic.STANDBY, Tactic.FORMATION, Tactic.ENCIRCLE, Tactic.TRANSIT)
 """The tactics in which a vehicle chooses among several rings."""
 _LEAVES = (Tactic.RETURN_AND_LAND, Tactic.LAND, Tactic.PILOT_OVERRIDE)
 """Those in which others may have its place; in the rest, such as hold, it keeps its bids."""
-_COMES_DOWN = {Tactic.RETURN_AND_LAND.value, Tactic.LAND.value}
-_KEEPS_ITS_PLACE = ("hold", "aside", "land", "return and land", "pilot override")
-"""The tactics of peers where no other vehicle is sent."""
-_GO_MAX_M = 1000.0
-"""A vehicle is sent no farther: a longer way is likely a slip."""
 _GOES_ON = ("start", "resume", "formation", "ring", "assign", "goto")
 """With any other verb an operator takes the decision to resume."""
 
@@ -264,20 +258,14 @@ class VehicleCore:
     def _follow_journey(self, situation: Situation) -> None:
         """End the way to a place: there, when a failsafe stops the vehicle, or when it takes too long."""
         journey = self._planner.journey
-        if journey is None:
+        end = None if journey is None else journey.end(situation, self.alert if self._failsafe.stops else "")
+        if journey is None or end is None:
             return
-        if self._failsafe.stops:
-            self._end_journey(journey, f"stops on its way: {self.alert}")
-        elif journey.has_arrived(situation):
-            self._end_journey(journey, f"has arrived, and {'lands' if journey.place.lands else 'holds'}", arrived=True)
-            if journey.place.lands:
-                self._change(Event.LAND, cause=LandingCause(verb="goto", origin=journey.origin))
-        elif journey.is_late(situation.now_s):
-            self._end_journey(journey, "does not get there: holds where it is")
-
-    def _end_journey(self, journey: Journey, did: str, *, arrived: bool = False) -> None:
-        self._planner.stay(journey.goal_m if arrived else None)
-        self._notes.add(self._now_s, CommandOutcome("goto", journey.origin, did, is_refused=not arrived))
+        self._planner.stay(journey.goal_m if end.has_arrived else None)
+        outcome = CommandOutcome("goto", journey.origin, end.did, is_refused=not end.has_arrived)
+        self._notes.add(self._now_s, outcome)
+        if end.has_arrived and journey.place.lands:
+            self._change(Event.LAND, cause=LandingCause(verb="goto", origin=journey.origin))
 
     def _plan(self, task: Task) -> Plan:
         """Plan the aim of the tactic, within the slew limit."""
@@ -670,11 +658,18 @@ class VehicleCore:
             refused = "a newer command of the ring applies" if newer else self._ring_refusal(number, ring)
             circumstances = circumstances._replace(ring_refused=refused)
         if command.place is not None:
-            circumstances = circumstances._replace(place_refused=self._place_refusal(command.place))
-        if (event := self.commands.take(command, self._tactic, now_s, circumstances)) is not None:
-            self._change(event, cause=LandingCause(verb=command.verb, origin=command.origin))
+            place, estimator = command.place, self._estimator
+            here_m, target_m, peers = estimator.position_m, estimator.targets.position_m, self._team.members()
+            refused = place_refusal(place, self._config, self._layer_m, here_m, target_m, peers)
+            circumstances = circumstances._replace(place_refused=refused)
+        decision = self.commands.take(command, self._tactic, now_s, circumstances)
+        if decision.event is not None:
+            self._change(decision.event, cause=LandingCause(verb=command.verb, origin=command.origin))
         self._is_cut_in_air = self.commands.kills and (self._is_cut_in_air or self._vehicle.status.in_air)
-        self._go_where_sent()
+        if decision.goes_to is not None:
+            self._planner.go(Journey(self._config, decision.goes_to, command.origin))
+        elif decision.stays and self._planner.journey is not None:
+            self._planner.stay()
         self._follow_commands()
 
     def _follow_commands(self) -> None:
@@ -686,35 +681,6 @@ class VehicleCore:
         if self._chooser is not None:
             self._chooser.assigned = self.commands.assigned
 
-    def _go_where_sent(self) -> None:
-        """Go to the place of a command, or stay if another command has ended the way to one."""
-        sent, stays = self.commands.sent_to, self.commands.stays
-        self.commands.sent_to, self.commands.stays = None, False
-        if sent is not None and sent.place is not None:
-            self._planner.go(Journey(self._config, sent.place, sent.origin))
-        elif stays and self._planner.journey is not None:
-            self._planner.stay()
-
-    def _place_refusal(self, place: Goal) -> str:
-        """Return why the vehicle must not go to a place at its height, empty if it may."""
-        config, here, there_m = self._config, self._estimator.position_m, (place.x_m, place.y_m)
-        if here is None:
-            return "its position is not known"
-        if (way_m := dist(here, there_m)) > _GO_MAX_M:
-            return f"{place.text} is {way_m:.0f} m away, and {_GO_MAX_M:g} m at most are allowed"
-        hindrance = Area(config.safety).hindrance(there_m, self._layer_m, config.safety.separation_m / 2.0)
-        if hindrance:
-            return f"{place.text} is {hindrance}"
-        for name in config.targets or (config.target,):
-            target_m = self._estimator.targets.position_m(name)
-            if target_m is not None and dist(target_m, there_m) < config.safety.keep_out_m:
-                return f"{place.text} is {dist(target_m, there_m):.1f} m from the target, nearer than safety.keep_out_m"
-        for peer in self._team.members():
-            away_m = dist(peer.position_m, there_m)
-            if peer.tactic in _KEEPS_ITS_PLACE and away_m < config.safety.separation_m:
-                return f"{place.text} is {away_m:.1f} m from vehicle {peer.sender}, nearer than safety.separation_m"
-        return ""
-
     def _circumstances(self, now_s: float) -> Circumstances:
         status = self._vehicle.status
         refused, change = self._resume_refused or "", self._next_change(now_s)
@@ -723,31 +689,20 @@ class VehicleCore:
         return Circumstances(
             resume_refused=refused,
             is_down=status.connected and not status.armed and (self._was_armed or self._is_reserve),
-            rejoin_refused=self._rejoin_refused(now_s),
+            rejoin_refused=rejoin_refusal(
+                status,
+                self._tactic,
+                self._team.members(),
+                now_s - LINK_SILENT_S * self._time_scale,
+                fell=self._fell,
+                is_over=self._is_over or self._ends,
+            ),
             ring=self._config.ring if self._tactic is Tactic.ENCIRCLE else None,
             follows=not status.connected or status.mode in (FlightMode.OFFBOARD, FlightMode.UNKNOWN),
             link_lost=self._was_armed and not status.connected,
             ends=self._ends,
             is_over=self._is_over,
         )
-
-    def _rejoin_refused(self, now_s: float) -> str:
-        """Return why the vehicle must not take off again, as far as it knows; empty if it may."""
-        status = self._vehicle.status
-        if self._fell:
-            return "it fell: recover and inspect it, and fly it in another flight"
-        if not status.connected:
-            return "its link is lost: rejoin once it is received again"
-        if status.armed or status.in_air:
-            flown = self._tactic is Tactic.PILOT_OVERRIDE
-            return "it is in a pilot's hands: let its pilot land and disarm it" if flown else "it has not landed"
-        if self._is_over or self._ends:
-            return "its mission is over"
-        recent_s = now_s - LINK_SILENT_S * self._time_scale
-        tactics = {each.tactic for each in self._team.members() if each.time_s >= recent_s}
-        if tactics and tactics <= _COMES_DOWN:
-            return "the others return and land"
-        return ""
 
     def _receive_sightings(self, state: MemberState) -> None:
         for package in state.sightings:

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from agents.command_handler import COMMANDS_KEPT, IN_FLIGHT, Circumstances, CommandHandler, Reshaping
+from agents.command_handler import COMMANDS_KEPT, IN_FLIGHT, UNCHANGED, Circumstances, CommandHandler, Reshaping
 from agents.core import VehicleCore
 from agents.inputs import Command, Message, TimeScale
 from agents.notes import Notes
@@ -48,7 +48,7 @@ class Vehicle:
         """Take a command, of a new number unless that is given, and return its answer."""
         self._number += number is None
         command = OperatorCommand(self.now_s, verb, vehicle, "pat@here", self._number if number is None else number)
-        self._apply(self.commands.take(command, self.tactic, self.now_s))
+        self._apply(self.commands.take(command, self.tactic, self.now_s).event)
         answers = self.commands.answers(self.now_s)
         assert len(answers) <= 1
         self.outcome = answers[0].outcome if answers else None
@@ -134,7 +134,7 @@ def answer_to(
     tactic: Tactic = Tactic.ENCIRCLE,
     circumstances: Circumstances = IN_FLIGHT,
 ) -> str:
-    assert commands.take(command, tactic, 1.0, circumstances) is None, "the tactic stays"
+    assert commands.take(command, tactic, 1.0, circumstances).event is None, "the tactic stays"
     (answer,) = commands.answers(1.0)
     assert answer.is_obeyed is not answer.did.startswith("refused: ")
     return answer.did
@@ -204,7 +204,7 @@ def test_what_assigns_nothing_is_refused_and_the_newest_assignment_applies() -> 
     assert "newer command" in answer_to(commands, assigning(0, 6.5, 8)), "the choice was given back later"
     assert commands.assigned is None
     assert "one ring" in answer_to(handler(), assigning(0))
-    assert commands.take(assigning(0, 9.0, 9, 3), Tactic.ENCIRCLE, 9.0) is None
+    assert commands.take(assigning(0, 9.0, 9, 3), Tactic.ENCIRCLE, 9.0) == UNCHANGED
     assert (commands.answers(9.0), commands.assigned) == ((), None), "it was for another vehicle"
 
 
@@ -311,7 +311,7 @@ def test_a_resume_that_a_failsafe_refuses_says_why_and_ends_no_abort() -> None:
     vehicle.told("abort")
     resume = OperatorCommand(0.0, "resume", None, "pat@here", 1000)
     refused = Circumstances(resume_refused="battery low: 20 %")
-    assert vehicle.commands.take(resume, vehicle.tactic, 0.0, refused) is None
+    assert vehicle.commands.take(resume, vehicle.tactic, 0.0, refused) == UNCHANGED
     assert vehicle.commands.answers(0.0)[0].did == "refused: battery low: 20 %"
     vehicle.tick(HOVER_S)
     assert vehicle.tactic is Tactic.LAND
