@@ -309,6 +309,8 @@ class VehicleCore:
         self._planner.sent(guarded=guarded.status is not GuardStatus.PASSED)
         self._estimator.sent(now_s, aim_m)
         sent = shifted(plan, aim_m)
+        journey = self._planner.journey
+        self._broadcast.goal = None if journey is None else journey.place
         messages = self._broadcast.messages(task, sent, self.alert, self._reshaping, self._drops)
         return self._output(now_s, setpoint, messages, task.situation, sent, guarded)
 
@@ -660,7 +662,7 @@ class VehicleCore:
         if command.place is not None:
             place, estimator = command.place, self._estimator
             here_m, target_m, peers = estimator.position_m, estimator.targets.position_m, self._team.members()
-            refused = place_refusal(place, self._config, self._layer_m, here_m, target_m, peers)
+            refused = place_refusal(place, self._config, self._altitude.setpoint_m, here_m, target_m, peers)
             circumstances = circumstances._replace(place_refused=refused)
         decision = self.commands.take(command, self._tactic, now_s, circumstances)
         if decision.event is not None:
@@ -692,6 +694,7 @@ class VehicleCore:
             rejoin_refused=rejoin_refusal(
                 status,
                 self._tactic,
+                self._config,
                 self._team.members(),
                 now_s - LINK_SILENT_S * self._time_scale,
                 fell=self._fell,

@@ -7,7 +7,7 @@ from agents.control.aims import along
 from agents.control.encirclement import Approach, EncirclementPlanner, RingTask, undisturbed_m
 from agents.control.plan import Plan, RingReport
 from agents.notes import RingChange
-from agents.ring.bent_ring import RingBend, RingBends, waiting_places_m
+from agents.ring.bent_ring import RingBend, RingBends, places_on, waiting_places_m
 from agents.ring.commanded_ring import Orbit
 from agents.ring.detour import Headway, Motion, Obstacle, bend_m, bends, headway, met
 from agents.ring.feasibility import RingFeasibility
@@ -74,8 +74,7 @@ class RingFlight:
         self._feasibility = RingFeasibility(config)
         self._joining = Joining(config)
         zones = flown_zones(config)
-        places = float(config.places) if config.rings else even_places(weights_of(config.slots, config.gaps))
-        self._bends = RingBends(zones, config.encirclement, config.safety, places) if zones else None
+        self._bends = RingBends(zones, config.encirclement, config.safety, places_on(config)) if zones else None
         self._bend: RingBend | None = None
         self._way_speed_m_s = WAY_SHARE * min(config.encirclement.speed_max_m_s, config.safety.speed_max_m_s)
         routes = routes_of(config, self._way_speed_m_s)

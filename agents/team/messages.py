@@ -247,8 +247,8 @@ class MemberState(msgspec.Struct, frozen=True, array_like=True):
     deviation of the position, `alert` the active failsafe condition, empty if none; `shape` is the formation's shape
     that operators commanded last, at `shaped_s`; None is the mission's. `drops` are the messages that it has dropped so
     far. `ring` is the ring that operators commanded. In a mission of several rings `choice` has it, and more.
-    `traffic` are aircraft that its autopilot receives, once a second. These three, drops and sightings are for cordon's
-    own use.
+    `traffic` are aircraft that its autopilot receives, once a second, and `goal` is the place that it is on its way to,
+    None without one. These four, drops and sightings are for cordon's own use.
     """
 
     sender: VehicleId
@@ -269,6 +269,7 @@ class MemberState(msgspec.Struct, frozen=True, array_like=True):
     ring: Annotated[CommandedRing | None, Added(1)] = None
     choice: Annotated[RingChoice | None, Added(2)] = None
     traffic: Annotated[Annotated[tuple[Aircraft, ...], msgspec.Meta(max_length=TRAFFIC_MAX)] | None, Added(3)] = None
+    goal: Annotated[Goal | None, Added(4)] = None
 
 
 class MissionIdentity(msgspec.Struct, frozen=True, array_like=True):

@@ -115,7 +115,7 @@ def reshaping(shape: Shape | None, told_s: float = 1.0, number: int = 7) -> Oper
 )
 def test_a_change_of_formation_is_taken_or_refused(shape: Shape | None, tactic: Tactic, did: str) -> None:
     orders = Vehicle().commands
-    assert orders.take(reshaping(shape), tactic, 1.0) is None
+    assert orders.take(reshaping(shape), tactic, 1.0) == UNCHANGED
     (answer,) = orders.answers(1.0)
     assert answer.did == did
     assert orders.reshaping == (Reshaping(1.0, "wedge") if answer.is_obeyed else None)
