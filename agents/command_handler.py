@@ -103,7 +103,14 @@ class CommandHandler:
     """The commands that one vehicle has received, its pending abort, and the answers to send."""
 
     def __init__(
-        self, vehicle_id: int, abort_hover_s: float, shapes: Collection[Shape], notes: Notes, rings: Sequence[str] = ()
+        self,
+        vehicle_id: int,
+        abort_hover_s: float,
+        shapes: Collection[Shape],
+        notes: Notes,
+        rings: Sequence[str] = (),
+        *,
+        has_gimbal: bool = False,
     ) -> None:
         """Take the vehicle, the time that an abort hovers before it lands, and the shapes that the formation can take.
 
@@ -120,7 +127,10 @@ class CommandHandler:
         """The newest values of each ring that this vehicle has received from operators, by the ring's number."""
         self.assigned: int | None = None
         """The number of the ring that operators have assigned to this vehicle, None for none."""
-        self._assigned_s = -inf
+        self._has_gimbal = has_gimbal
+        self.looks_at: Goal | None = None
+        """The place at which operators point the camera, None for the target."""
+        self._assigned_s = self._looks_s = -inf
         self.start_blockers: str | None = None
         """While the vehicle waits on the ground: what forbids its start, empty if nothing does."""
         self.starts = False
@@ -241,8 +251,13 @@ class CommandHandler:
                 return self._go(command, tactic, circumstances)
             case "abort":
                 return self._abort_or_land(command.origin, tactic, now_s, circumstances)
-            case "formation" | "ring" | "assign":
-                changes = {"formation": self._reshape, "ring": self._change_ring, "assign": self._assign}
+            case "formation" | "ring" | "assign" | "look":
+                changes = {
+                    "formation": self._reshape,
+                    "ring": self._change_ring,
+                    "assign": self._assign,
+                    "look": self._look,
+                }
                 return changes[command.verb](command, tactic, circumstances), UNCHANGED
             case _:
                 return self._steer(VERBS[command.verb], tactic, circumstances)
@@ -347,6 +362,17 @@ class CommandHandler:
         goes = circumstances.follows and tactic not in _CHOOSES_NO_RING
         return _Answer(f"{'goes' if goes else 'will go, once on its mission,'} to the ring '{self._rings[number]}'")
 
+    def _look(self, command: OperatorCommand, tactic: Tactic, _circumstances: Circumstances) -> _Answer:
+        """Point the camera at a place, or at the target again; in a team some vehicles may have no gimbal."""
+        if not self._has_gimbal:
+            return _Answer("has no gimbal to point") if command.vehicle is None else _refused("it has no gimbal")
+        if tactic is Tactic.PILOT_OVERRIDE:
+            return _refused(_WHY_NOT[tactic])
+        if command.time_s < self._looks_s:
+            return _refused("a newer command points its camera")
+        self.looks_at, self._looks_s = command.place, command.time_s
+        return _Answer(f"looks at {'the target' if command.place is None else command.place.text}")
+
     def _unassignable(self, command: OperatorCommand) -> str:
         """Return why a command assigns nothing, whatever the tactic; empty if it does."""
         number = command.ring_number
@@ -385,8 +411,9 @@ class CommandHandler:
         while len(self._done) > COMMANDS_KEPT:
             dropped, _ = self._done.popitem(last=False)
             self._unanswered.pop(dropped, None)
-        is_refused = answer.outcome in ("refused", "misdated")
-        self._notes.add(now_s, CommandOutcome(command.verb, command.origin, answer.did, is_refused))
+        is_refused, place = answer.outcome in ("refused", "misdated"), command.place
+        looks_at_m = () if place is None or command.verb != "look" else (place.x_m, place.y_m)
+        self._notes.add(now_s, CommandOutcome(command.verb, command.origin, answer.did, is_refused, looks_at_m))
 
 
 def _over(tactic: Tactic, circumstances: Circumstances) -> str:

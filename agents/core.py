@@ -87,7 +87,7 @@ _CHOOSES = (Tactic.STANDBY, Tactic.FORMATION, Tactic.ENCIRCLE, Tactic.TRANSIT)
 """The tactics in which a vehicle chooses among several rings."""
 _LEAVES = (Tactic.RETURN_AND_LAND, Tactic.LAND, Tactic.PILOT_OVERRIDE)
 """Those in which others may have its place; in the rest, such as hold, it keeps its bids."""
-_GOES_ON = ("start", "resume", "formation", "ring", "assign", "goto")
+_GOES_ON = ("start", "resume", "formation", "ring", "assign", "goto", "look")
 """With any other verb an operator takes the decision to resume."""
 
 
@@ -100,7 +100,8 @@ class VehicleCore:
         self._notes = Notes()
         shapes = config.shapes if config.excitation is None else ()
         rings = tuple(each.name for each in config.rings)
-        self.commands = CommandHandler(config.vehicle_id, config.safety.abort_hover_s, shapes, self._notes, rings)
+        hover_s, has_gimbal = config.safety.abort_hover_s, config.gimbal is not None
+        self.commands = CommandHandler(config.vehicle_id, hover_s, shapes, self._notes, rings, has_gimbal=has_gimbal)
         self._answers: list[CommandAnswer] = []
         self._revoked: tuple[str, ...] = ()
         self._now_s = 0.0
@@ -659,7 +660,7 @@ class VehicleCore:
             newer = ring.is_newer_than(command.ring, command.time_s)
             refused = "a newer command of the ring applies" if newer else self._ring_refusal(number, ring)
             circumstances = circumstances._replace(ring_refused=refused)
-        if command.place is not None:
+        if command.verb == "goto" and command.place is not None:
             place, estimator = command.place, self._estimator
             here_m, target_m, peers = estimator.position_m, estimator.targets.position_m, self._team.members()
             refused = place_refusal(place, self._config, self._altitude.setpoint_m, here_m, target_m, peers)
@@ -675,7 +676,9 @@ class VehicleCore:
         self._follow_commands()
 
     def _follow_commands(self) -> None:
-        """Take the shape, the rings and the assignment that operators commanded last."""
+        """Take the shape, the rings, the assignment and the camera's place that operators commanded last."""
+        looks_at = self.commands.looks_at
+        self._camera.place_m = None if looks_at is None else (looks_at.x_m, looks_at.y_m)
         if self.commands.reshaping is not None:
             self._reshape(self.commands.reshaping)
         for number, ring in enumerate(self.commands.commanded_rings):

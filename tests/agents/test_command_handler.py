@@ -22,6 +22,7 @@ from agents.team.messages import (
     RINGS_MAX,
     CommandAnswer,
     CommandedRing,
+    Goal,
     MemberState,
     OperatorCommand,
     RingValues,
@@ -161,6 +162,22 @@ def test_each_ring_keeps_the_values_that_were_commanded_of_it() -> None:
     assert answer_to(only, changing(None)) == "changes to a ring of 15 m, -0.1 rad/s"
     assert "no ring of number 1" in answer_to(only, changing(1, 2.0, 8))
     assert only.commanded_rings == [wanted]
+
+
+def looking(place: Goal | None, told_s: float, number: int, vehicle: int | None = 2) -> OperatorCommand:
+    return OperatorCommand(told_s, "look", vehicle, "pat@here", number, place=place)
+
+
+def test_a_camera_looks_where_the_newest_command_says() -> None:
+    commands, there = CommandHandler(2, HOVER_S, ("line",), Notes(), has_gimbal=True), Goal(30.0, -5.0)
+    assert answer_to(commands, looking(there, 5.0, 1), Tactic.LAND) == "looks at x 30.0 m, y -5.0 m"
+    assert "newer command" in answer_to(commands, looking(None, 4.0, 2)), "of another operator, received late"
+    assert "handed it over" in answer_to(commands, looking(None, 6.0, 3), Tactic.PILOT_OVERRIDE)
+    assert commands.looks_at == there
+    assert answer_to(commands, looking(None, 7.0, 4)) == "looks at the target"
+    assert commands.looks_at is None
+    assert answer_to(handler(), looking(there, 5.0, 1)) == "refused: it has no gimbal"
+    assert answer_to(handler(), looking(there, 5.0, 1, None)) == "has no gimbal to point", "the others have one"
 
 
 @pytest.mark.parametrize(
