@@ -71,7 +71,7 @@ class Circumstances(NamedTuple):
 IN_FLIGHT = Circumstances()
 
 
-class Decision(NamedTuple):
+class CommandEffect(NamedTuple):
     """What the vehicle does after a command: the event for its tactic, and whether a way to a place begins or ends.
 
     It goes to the place `goes_to`, None if it is sent to none; if it `stays`, a way to a place is over.
@@ -82,7 +82,7 @@ class Decision(NamedTuple):
     stays: bool = False
 
 
-UNCHANGED = Decision()
+UNCHANGED = CommandEffect()
 
 
 class _Answer(NamedTuple):
@@ -159,23 +159,23 @@ class CommandHandler:
 
     def take(
         self, command: OperatorCommand, tactic: Tactic, now_s: float, circumstances: Circumstances = IN_FLIGHT
-    ) -> Decision:
+    ) -> CommandEffect:
         """Take a command in the present tactic; return what the vehicle does after it."""
         if command.vehicle not in (None, self._vehicle_id):
             return UNCHANGED
         _, before = self._done.get(command.key, (command, None))
         misdated = _misdated(VERBS[command.verb], circumstances.age_s)
-        decision = UNCHANGED
+        effect = UNCHANGED
         if before is None or (before.outcome == "misdated" and not misdated):
             if misdated:
                 answer = _refused(misdated, "misdated")
             else:
-                answer, decision = self._carry_out(command, tactic, now_s, circumstances)
+                answer, effect = self._carry_out(command, tactic, now_s, circumstances)
             if circumstances.link_lost and answer.outcome == "obeyed":
                 answer = answer._replace(did=f"{answer.did}; its link is lost")
             self._record(command, answer, now_s)
         self._unanswered[command.key] = None
-        return decision
+        return effect
 
     def due(self, tactic: Tactic, now_s: float) -> Event | None:
         """Return the event of an abort whose hover is over; a pilot override cancels an abort."""
@@ -227,13 +227,13 @@ class CommandHandler:
 
     def _carry_out(
         self, command: OperatorCommand, tactic: Tactic, now_s: float, circumstances: Circumstances
-    ) -> tuple[_Answer, Decision]:
+    ) -> tuple[_Answer, CommandEffect]:
         row = VERBS[command.verb]
         match command.verb:
             case "kill":
                 self._kills.append(command)
                 self._abort = None
-                return _Answer(row.did, "begun"), Decision(row.event)
+                return _Answer(row.did, "begun"), CommandEffect(row.event)
             case "start" | "rejoin":
                 starts = command.verb == "start"
                 return self._start(row) if starts else self._rejoin(command, row, circumstances), UNCHANGED
@@ -244,7 +244,7 @@ class CommandHandler:
 
     def _move(
         self, command: OperatorCommand, tactic: Tactic, now_s: float, circumstances: Circumstances
-    ) -> tuple[_Answer, Decision]:
+    ) -> tuple[_Answer, CommandEffect]:
         """Carry out a command of a vehicle that flies."""
         match command.verb:
             case "goto":
@@ -291,18 +291,20 @@ class CommandHandler:
 
     def _abort_or_land(
         self, origin: str, tactic: Tactic, now_s: float, circumstances: Circumstances
-    ) -> tuple[_Answer, Decision]:
+    ) -> tuple[_Answer, CommandEffect]:
         """Hover at once and land later; a second abort during the hover lands at once."""
         if self._abort is not None or tactic is Tactic.LAND:
             return self._steer(VERBS["land"], tactic, circumstances)
         if tactic is Tactic.PILOT_OVERRIDE:
             return _refused(_WHY_NOT[tactic]), UNCHANGED
         self._abort = (now_s + self._hover_s, origin)
-        answer, decision = self._steer(VERBS["hold"], tactic, circumstances)
+        answer, effect = self._steer(VERBS["hold"], tactic, circumstances)
         unless = "" if circumstances.ends else " unless resumed"
-        return answer._replace(did=f"{answer.did}, lands in {self._hover_s:g} s{unless}"), decision
+        return answer._replace(did=f"{answer.did}, lands in {self._hover_s:g} s{unless}"), effect
 
-    def _go(self, command: OperatorCommand, tactic: Tactic, circumstances: Circumstances) -> tuple[_Answer, Decision]:
+    def _go(
+        self, command: OperatorCommand, tactic: Tactic, circumstances: Circumstances
+    ) -> tuple[_Answer, CommandEffect]:
         """Send the vehicle to a place; it keeps its height, and holds or lands there."""
         place = command.place
         if place is None or command.vehicle is None:
@@ -317,8 +319,8 @@ class CommandHandler:
             return _refused(reason), UNCHANGED
         self._abort = None
         there = "lands" if place.lands else "holds"
-        decision = Decision(None if tactic is Tactic.HOLD else Event.HOLD, place)
-        return _Answer(f"goes to {place.text}, and {there} there"), decision
+        effect = CommandEffect(None if tactic is Tactic.HOLD else Event.HOLD, place)
+        return _Answer(f"goes to {place.text}, and {there} there"), effect
 
     def _reshape(self, command: OperatorCommand, tactic: Tactic, circumstances: Circumstances) -> _Answer:
         """Change the shape of the formation; a vehicle in another tactic takes its place once it is back."""
@@ -388,7 +390,7 @@ class CommandHandler:
         known = ", ".join(self._rings) or "one without a name"
         return f"the mission has no ring of number {number} (rings: {known})"
 
-    def _steer(self, row: VerbRow, tactic: Tactic, circumstances: Circumstances) -> tuple[_Answer, Decision]:
+    def _steer(self, row: VerbRow, tactic: Tactic, circumstances: Circumstances) -> tuple[_Answer, CommandEffect]:
         resumes = row.event is Event.RESUME
         if resumes and (why := "the operator ends the flight" if circumstances.ends else circumstances.resume_refused):
             return _refused(why), UNCHANGED
@@ -403,7 +405,7 @@ class CommandHandler:
         if resumes and changes and circumstances.is_over:
             did = "continues its return"
         when = ", once it is in offboard" if waits else ""
-        return _Answer(did + when), Decision(row.event if changes else None, stays=True)
+        return _Answer(did + when), CommandEffect(row.event if changes else None, stays=True)
 
     def _record(self, command: OperatorCommand, answer: _Answer, now_s: float) -> None:
         answer = answer._replace(did=printable(answer.did))  # it may hold text from the autopilot

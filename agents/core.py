@@ -665,13 +665,13 @@ class VehicleCore:
             here_m, target_m, peers = estimator.position_m, estimator.targets.position_m, self._team.members()
             refused = place_refusal(place, self._config, self._altitude.setpoint_m, here_m, target_m, peers)
             circumstances = circumstances._replace(place_refused=refused)
-        decision = self.commands.take(command, self._tactic, now_s, circumstances)
-        if decision.event is not None:
-            self._change(decision.event, cause=LandingCause(verb=command.verb, origin=command.origin))
+        effect = self.commands.take(command, self._tactic, now_s, circumstances)
+        if effect.event is not None:
+            self._change(effect.event, cause=LandingCause(verb=command.verb, origin=command.origin))
         self._is_cut_in_air = self.commands.kills and (self._is_cut_in_air or self._vehicle.status.in_air)
-        if decision.goes_to is not None:
-            self._planner.go(Journey(self._config, decision.goes_to, command.origin))
-        elif decision.stays and self._planner.journey is not None:
+        if effect.goes_to is not None:
+            self._planner.go(Journey(self._config, effect.goes_to, command.origin))
+        elif effect.stays and self._planner.journey is not None:
             self._planner.stay()
         self._follow_commands()
 
