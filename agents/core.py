@@ -209,6 +209,7 @@ class VehicleCore:
             self._planner.leave_for(config)
             self._altitude.change(config)
             self._neighbours.change(config)
+            self._vehicle.change(config)
             if self._tactic is Tactic.ENCIRCLE:
                 self._change(Event.CHANGE_RING, f"to ring '{config.rings[config.ring].name}'")
         self._broadcast.ring = config.ring if on_ring or wanted is not None else None
@@ -670,7 +671,7 @@ class VehicleCore:
             self._change(effect.event, cause=LandingCause(verb=command.verb, origin=command.origin))
         self._is_cut_in_air = self.commands.kills and (self._is_cut_in_air or self._vehicle.status.in_air)
         if effect.goes_to is not None:
-            self._planner.go(Journey(self._config, effect.goes_to, command.origin))
+            self._planner.go(Journey(self._config, effect.goes_to, command.origin, self._altitude.setpoint_m))
         elif effect.stays and self._planner.journey is not None:
             self._planner.stay()
         self._follow_commands()
@@ -746,7 +747,7 @@ class VehicleCore:
         if before.rings:
             self._config = self._config.with_flown(number, ring)
         if self._config != before:
-            for each in (self._planner, self._altitude, self._neighbours):
+            for each in (self._planner, self._altitude, self._neighbours, self._vehicle):
                 each.change(self._config)
             values = ring.radius_m, ring.angular_rate_rad_s, ring.altitude_m, ring.tilt_deg
             name = before.rings[number].name if before.rings else ""

@@ -11,7 +11,7 @@ from typing import Final, NamedTuple
 from agents.control.aims import along
 from agents.control.plan import Plan
 from agents.control.return_and_land import ARRIVED_M, ARRIVED_M_S
-from agents.safety.routes import Way, routes_of
+from agents.safety.routes import way_of
 from agents.settings.config import AgentConfig
 from agents.situation.situation import Situation
 from agents.team.messages import Goal
@@ -32,16 +32,20 @@ class JourneyEnd(NamedTuple):
 class Journey:
     """One vehicle's way to a place, from its first plan on."""
 
-    def __init__(self, config: AgentConfig, place: Goal, origin: str) -> None:
-        """Take the place, and the name of the operator who sends the vehicle there."""
+    def __init__(self, config: AgentConfig, place: Goal, origin: str, height_m: float) -> None:
+        """Take the place, the name of the operator who sends the vehicle there, and the height that it keeps."""
         self.place: Final = place
         self.origin: Final = origin
         self.goal_m: Final[Pair] = (place.x_m, place.y_m)
         self._speed_m_s = config.formation.speed_max_m_s
         self._plant = config.plant
-        routes = routes_of(config, self._speed_m_s)
-        self._way = None if routes is None else Way(routes)
+        self._height_m = height_m
+        self._way = way_of(config, self._speed_m_s, height_m)
         self._until_s: float | None = None
+
+    def change(self, config: AgentConfig) -> None:
+        """Go on with the ring of another configuration: others may fly at other heights, but the zones are the same."""
+        self._way = way_of(config, self._speed_m_s, self._height_m, before=self._way)
 
     def plan(self, situation: Situation) -> Plan:
         """Return the plan of this tick."""

@@ -10,6 +10,7 @@ import pytest
 import cordon
 from agents.team.messages import CameraView
 from cordon import Commanded
+from estimation.frames import Triple
 from gcs.flightlog.reader import FlightLog, read_log
 from gcs.flightlog.records import Decision, Truth
 from gcs.link.gimbal import between_rad
@@ -31,14 +32,15 @@ def mission() -> cordon.Mission:
     return cordon.load("case2-field").replace(target=target, decision={"distance_max_m": 60.0}, vehicles=vehicles)
 
 
-def directions(log: FlightLog, vehicle: int) -> Iterator[tuple[float, tuple[float, ...], tuple[float, ...]]]:
+def directions(log: FlightLog, vehicle: int) -> Iterator[tuple[float, Triple, tuple[float, ...]]]:
     """Yield the time and the true place (x, y, z) whenever a direction was sent, and this."""
     records = log.vehicles[vehicle]
     truths = [each.read(Truth) for each in records if each.kind is Truth]
-    places_m = {round(each.time_s, 3): tuple(each.position_m) for each in truths}
+    places_m = {round(each.time_s, 3): each.position_m for each in truths}
     for decision in (each.read(Decision) for each in records if each.kind is Decision):
-        if (place_m := places_m.get(round(decision.time_s, 3))) is not None and len(decision.setpoint.camera_rad) == 2:
-            yield decision.time_s, place_m, tuple(decision.setpoint.camera_rad)
+        sent_rad = () if decision.setpoint is None else tuple(decision.setpoint.camera_rad)
+        if (place_m := places_m.get(round(decision.time_s, 3))) is not None and sent_rad:
+            yield decision.time_s, place_m, sent_rad
 
 
 def off_deg(log: FlightLog, vehicle: int, at_m: tuple[float, float], from_s: float, until_s: float) -> float:
@@ -77,7 +79,8 @@ def test_cameras_look_at_a_place_and_at_the_target_again(
     with subtests.test("replay"):
         assert all(each.identical == each.ticks > 0 for each in replay(read).vehicles)
     with subtests.test("the metric leaves these views out"):
-        views = [CameraView(time_s, at_m, *rad, 1.0) for time_s, at_m, rad in directions(read, 2) if time_s > 30.0]
+        seen = directions(read, 2)
+        views = [CameraView(time_s, at_m, rad[0], rad[1], 1.0) for time_s, at_m, rad in seen if time_s > 30.0]
         record = replace(flown.record, cameras={2: CameraTrack.of(views, 0.0, 0.0)})
         track = next(each for each in record.vehicles if each.vehicle_id == 2)
         error_deg = pointing_error_rms_deg(record, track, record.time_s > LOOKS_S)
