@@ -57,10 +57,9 @@ def test_a_ring_that_leaves_the_fence_is_not_taken_from_a_peer(make_config: Make
 
 def test_a_ring_that_cannot_bend_around_a_zone_of_its_heights_is_refused(make_config: Maker) -> None:
     """From 13 m on the target is in a zone, outside of which there is no room inside the fence; below all is free."""
-    zone = NoFlySection(name="crane", center_m=(5.0, 0.0), radius_m=24.0, floor_m=13.0)
-    config = make_config(
-        safety=SafetySettings(no_fly=(zone,), fence_m=(*SQUARE_M[:1], (120.0, -30.0), (120.0, 30.0), SQUARE_M[3]))
-    )
+    zone = NoFlySection(name="crane", center_m=(5.0, 0.0), radius_m=29.0, floor_m=13.0)
+    fence_m = SQUARE_M[0], (120.0, -30.0), (120.0, 30.0), SQUARE_M[3]
+    config = make_config(safety=SafetySettings(no_fly=(zone,), fence_m=fence_m))
     rings = CommandedRings(config)
     assert not rings.refusal(0, altitude(11.0), config, HERE)
     said = rings.refusal(0, altitude(13.0), config, HERE)
