@@ -169,7 +169,7 @@ def looking(place: Goal | None, told_s: float, number: int, vehicle: int | None 
 
 
 def test_a_camera_looks_where_the_newest_command_says() -> None:
-    commands, there = CommandHandler(2, HOVER_S, ("line",), Notes(), has_gimbal=True), Goal(30.0, -5.0)
+    commands, there = CommandHandler(2, HOVER_S, ("line", "wedge"), Notes(), has_gimbal=True), Goal(30.0, -5.0)
     assert answer_to(commands, looking(there, 5.0, 1), Tactic.LAND) == "looks at x 30.0 m, y -5.0 m"
     assert "newer command" in answer_to(commands, looking(None, 4.0, 2)), "of another operator, received late"
     assert "handed it over" in answer_to(commands, looking(None, 6.0, 3), Tactic.PILOT_OVERRIDE)
