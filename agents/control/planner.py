@@ -108,11 +108,16 @@ class Planner:
         """Fly the ring of another configuration from now on."""
         self._ring.change(config)
         self._homing.change(config)
+        self._station.change(config)
+        self._transit.change(config)
+        if self.journey is not None:
+            self.journey.change(config)
 
     def leave_for(self, config: AgentConfig) -> None:
         """Fly another of the mission's rings from now on, once the vehicle is there."""
         self._ring.leave_for(config)
         self._homing.change(config)
+        self._station.change(config)
         self._transit.change(config)
 
     @property

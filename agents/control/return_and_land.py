@@ -12,7 +12,7 @@ import numpy as np
 
 from agents.control.aims import along
 from agents.control.plan import Plan
-from agents.safety.routes import Way, routes_of
+from agents.safety.routes import way_of
 from agents.settings.config import AgentConfig
 from agents.situation.situation import Situation
 from agents.tactics import Tactic
@@ -44,13 +44,13 @@ class Homing:
         self._began_s: float | None = None
         self._from_m: Vector = np.zeros(2)
         self._rising = True
-        routes = routes_of(config, config.formation.speed_max_m_s)
-        self._way = None if routes is None else Way(routes)
+        self._way = way_of(config, config.formation.speed_max_m_s)
         self._length_m = 0.0
 
     def change(self, config: AgentConfig) -> None:
         """Return from the heights of another ring from now on."""
         self._config = config
+        self._way = way_of(config, config.formation.speed_max_m_s, before=self._way)
 
     @property
     def returns(self) -> bool:

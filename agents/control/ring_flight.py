@@ -8,7 +8,7 @@ from agents.control.aims import along
 from agents.control.encirclement import Approach, EncirclementPlanner, RingTask, undisturbed_m
 from agents.control.plan import Plan, RingReport
 from agents.notes import RingChange
-from agents.ring.bent_ring import RingBend, RingBends, waiting_places_m
+from agents.ring.bent_ring import RingBend, RingBends, places_on, waiting_places_m
 from agents.ring.commanded_ring import Orbit
 from agents.ring.detour import Headway, Motion, Obstacle, bend_m, bends, headway, met
 from agents.ring.feasibility import RingFeasibility
@@ -28,7 +28,7 @@ from agents.ring.transition import Mover
 from agents.safety.barriers import demanded_from_m, unsure_m
 from agents.safety.fence import Fence
 from agents.safety.neighbours import Neighbours
-from agents.safety.routes import WAY_SHARE, Way, flown_zones, routes_of
+from agents.safety.routes import WAY_SHARE, Way, flown_zones, way_of
 from agents.settings.config import AgentConfig
 from agents.settings.sections import EncirclementSettings
 from agents.situation.situation import Situation
@@ -118,14 +118,11 @@ class RingFlight:
         self._reference = RingReference(config)
         self._feasibility = RingFeasibility(config)
         self._joining = Joining(config)
-        zones = flown_zones(config)
-        places = float(config.places) if config.rings else even_places(weights_of(config.slots, config.gaps))
-        self._bends = RingBends(zones, config.encirclement, config.safety, places) if zones else None
-        self._bend: RingBend | None = None
         self._view = None
+        self._bends: RingBends | None = None
+        self._way: Way | None = None
         self._way_speed_m_s = WAY_SHARE * min(config.encirclement.speed_max_m_s, config.safety.speed_max_m_s)
-        routes = routes_of(config, self._way_speed_m_s)
-        self._way = None if routes is None else Way(routes)
+        self._avoid_zones(config)
 
     @property
     def rate_rad_s(self) -> float:
@@ -148,8 +145,19 @@ class RingFlight:
         self._neighbours.change(config)
         self._reference.change(config)
         self._joining.change(config)
-        if self._bends is not None:
-            self._bends.change(config.encirclement)
+        self._avoid_zones(config)
+
+    def _avoid_zones(self, config: AgentConfig) -> None:
+        """Keep out of the zones at the heights of a configuration, to the ring and on it."""
+        zones = flown_zones(config)
+        if not zones:
+            self._bends = None
+        elif self._bends is None:
+            self._bends = RingBends(zones, config.encirclement, config.safety, places_on(config))
+        else:
+            self._bends.change(zones, config.encirclement)
+        self._bend: RingBend | None = None
+        self._way = way_of(config, self._way_speed_m_s, before=self._way)
 
     def leave_for(self, config: AgentConfig) -> None:
         """Fly another of the mission's rings from now on, once the vehicle is there."""

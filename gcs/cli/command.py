@@ -42,7 +42,7 @@ def command(
         Parameter(
             help="formation: the shape; ring: the values to change, with several rings after its name; "
             "assign: the vehicle, and its ring's name or auto; goto: the vehicle, x=METRES y=METRES, and land to land "
-            "there."
+            "there; look: x=METRES y=METRES, or target."
         ),
     ],
     options: CommandOptions = _DEFAULTS,

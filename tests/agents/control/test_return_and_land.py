@@ -162,7 +162,7 @@ def test_each_lands_at_the_nearest_of_its_places_where_nobody_else_does(make_con
     for i, spot in {1: (40.0, 4.0), 2: (80.0, 0.0), 3: (0.0, -4.0)}.items():
         assert dist(sky.flyers[i].place, spot) < 1.0, i
     config = sky.flyers[1].config
-    way_s = [return_duration_s(config, (x, 4.0), 8.0, (0.0, 0.0)) for x in (40.0, 60.0, 20.0, 0.0)]
+    way_s = [return_duration_s(config, (), (x, 4.0), 8.0, (0.0, 0.0)) for x in (40.0, 60.0, 20.0, 0.0)]
     assert way_s[0] == way_s[3] < way_s[1] == way_s[2]
 
 
