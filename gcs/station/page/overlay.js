@@ -110,7 +110,9 @@ export class Overlay {
 /** The pixel of the mission's origin. */
 const originOf = ([a, b, c, d], { x, y }, [x_m, y_m]) => [x - a * x_m - c * y_m, y - b * x_m - d * y_m];
 
-const lineText = (points_m) => `M${points_m.map((point_m) => point_m.map((metres) => Math.round(metres * UNITS_PER_M)).join(" ")).join("L")}`;
+const lineText = (points_m) => `M${points_m.map(([x, y]) => `${units(x)} ${units(y)}`).join("L")}`;
+
+const units = (metres) => Math.round(metres * UNITS_PER_M);
 
 /** The paths of a layer's marks: lines of one colour share one. Areas do not, as two that overlap could leave a hole. */
 function pathsOf(marks) {
