@@ -1,7 +1,7 @@
 """Measure frames and processor time of the operator's page in a browser without a graphics card.
 
-A station sends a team on its ring ten times a second, with full trails, to headless Chromium, which draws as it does where
-there is no graphics card: the page by the processor, the map's WebGL by SwiftShader. The reference of the same run is an
+A station sends a team on its ring ten times a second, with full trails, to headless Chromium, which draws as it does
+without a graphics card: the page by the processor, the map's WebGL by SwiftShader. The reference of the same run is an
 empty page: the frames that this computer has time for. Another page, as of an earlier version, is measured alternately.
 """
 
@@ -18,7 +18,7 @@ from pathlib import Path
 import numpy as np
 import psutil
 from numpy.typing import NDArray
-from playwright.sync_api import Browser, Page
+from playwright.sync_api import Browser, CDPSession, Page
 
 from gcs.station.live_team import PICTURES_HZ
 from tests.experiments.arguments import parser, positive
@@ -29,7 +29,7 @@ from tests.support.page.station_pictures import ring_mission, ring_team
 SETTLE_S, DRAG_EVERY_S = 3.0, 0.012
 TRAIL_S, TRAIL_EVERY_S = 120.0, 0.5
 FRAMES_MIN, FRAME_MAX_MS, JUDGED_VEHICLES = 0.9, 3.0, 32
-"""Least frames, as a share of the reference's, and most time of the main thread in a frame, of teams up to this size."""
+"""Least share of the reference's frames, and most time of the main thread in a frame, of teams up to this size."""
 METER = """(() => {
   window.meter = [];
   const tick = (now_ms) => { meter.push(now_ms); requestAnimationFrame(tick); };
@@ -144,8 +144,8 @@ def drag(page: Page, lasting_s: float) -> None:
     page.mouse.up()
 
 
-def _main_s(session: object) -> float:
-    metrics = session.send("Performance.getMetrics")["metrics"]  # type: ignore[attr-defined]
+def _main_s(session: CDPSession) -> float:
+    metrics = session.send("Performance.getMetrics")["metrics"]
     return float(next(each["value"] for each in metrics if each["name"] == "TaskDuration"))
 
 
