@@ -19,6 +19,7 @@ from agents.team.messages import (
     TOPICS,
     CommandAnswer,
     CommandedRing,
+    Goal,
     MemberState,
     NeighbourAngle,
     RingChoice,
@@ -36,7 +37,7 @@ class StateBroadcast:
 
     `often` is set while another vehicle is, or soon comes, close enough to need states at the full rate.
     `commanded_rings` are the rings that operators commanded, by their numbers, empty if they did not, `ring` is the
-    number of the vehicle's own, None for none.
+    number of the vehicle's own, None for none, `goal` the place that it is on its way to.
     """
 
     def __init__(
@@ -59,6 +60,7 @@ class StateBroadcast:
         self.often = True
         self.ring: int | None = None
         self.commanded_rings: tuple[CommandedRing, ...] = ()
+        self.goal: Goal | None = None
 
     def messages(
         self, task: Task, sent: Plan, alert: str, reshaping: Reshaping | None, drops: Drops
@@ -119,6 +121,7 @@ class StateBroadcast:
             self._sightings(situation),
             self.commanded_rings[0] if self._chooser is None and self.commanded_rings else None,
             None if self._chooser is None else RingChoice(self.ring, commanded=self.commanded_rings),
+            goal=self.goal,
         )
 
     def _sightings(self, situation: Situation) -> tuple[TargetPackage, ...]:

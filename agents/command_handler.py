@@ -21,6 +21,7 @@ from agents.team.messages import (
     CommandAnswer,
     CommandedRing,
     CommandKey,
+    Goal,
     OperatorCommand,
     Outcome,
     RingValues,
@@ -70,6 +71,20 @@ class Circumstances(NamedTuple):
 IN_FLIGHT = Circumstances()
 
 
+class CommandEffect(NamedTuple):
+    """What the vehicle does after a command: the event for its tactic, and whether a way to a place begins or ends.
+
+    It goes to the place `goes_to`, None if it is sent to none; if it `stays`, a way to a place is over.
+    """
+
+    event: Event | None = None
+    goes_to: Goal | None = None
+    stays: bool = False
+
+
+UNCHANGED = CommandEffect()
+
+
 class _Answer(NamedTuple):
     """What the vehicle did, as text and as an outcome."""
 
@@ -88,7 +103,14 @@ class CommandHandler:
     """The commands that one vehicle has received, its pending abort, and the answers to send."""
 
     def __init__(
-        self, vehicle_id: int, abort_hover_s: float, shapes: Collection[Shape], notes: Notes, rings: Sequence[str] = ()
+        self,
+        vehicle_id: int,
+        abort_hover_s: float,
+        shapes: Collection[Shape],
+        notes: Notes,
+        rings: Sequence[str] = (),
+        *,
+        has_gimbal: bool = False,
     ) -> None:
         """Take the vehicle, the time that an abort hovers before it lands, and the shapes that the formation can take.
 
@@ -105,13 +127,12 @@ class CommandHandler:
         """The newest values of each ring that this vehicle has received from operators, by the ring's number."""
         self.assigned: int | None = None
         """The number of the ring that operators have assigned to this vehicle, None for none."""
-        self._assigned_s = -inf
+        self._has_gimbal = has_gimbal
+        self.looks_at: Goal | None = None
+        """The place at which operators point the camera, None for the target."""
+        self._assigned_s = self._looks_s = -inf
         self.start_blockers: str | None = None
         """While the vehicle waits on the ground: what forbids its start, empty if nothing does."""
-        self.sent_to: OperatorCommand | None = None
-        """The command that sends this vehicle to a place, until the core has taken it."""
-        self.stays = False
-        """Whether a command has ended its way to a place, until the core has taken that."""
         self.starts = False
         """Whether an operator has started the vehicle."""
         self._done: OrderedDict[CommandKey, tuple[OperatorCommand, _Answer]] = OrderedDict()
@@ -138,23 +159,23 @@ class CommandHandler:
 
     def take(
         self, command: OperatorCommand, tactic: Tactic, now_s: float, circumstances: Circumstances = IN_FLIGHT
-    ) -> Event | None:
-        """Take a command in the present tactic; return the event that it triggers, None if it changes nothing."""
+    ) -> CommandEffect:
+        """Take a command in the present tactic; return what the vehicle does after it."""
         if command.vehicle not in (None, self._vehicle_id):
-            return None
+            return UNCHANGED
         _, before = self._done.get(command.key, (command, None))
         misdated = _misdated(VERBS[command.verb], circumstances.age_s)
-        event = None
+        effect = UNCHANGED
         if before is None or (before.outcome == "misdated" and not misdated):
             if misdated:
                 answer = _refused(misdated, "misdated")
             else:
-                answer, event = self._carry_out(command, tactic, now_s, circumstances)
+                answer, effect = self._carry_out(command, tactic, now_s, circumstances)
             if circumstances.link_lost and answer.outcome == "obeyed":
                 answer = answer._replace(did=f"{answer.did}; its link is lost")
             self._record(command, answer, now_s)
         self._unanswered[command.key] = None
-        return event
+        return effect
 
     def due(self, tactic: Tactic, now_s: float) -> Event | None:
         """Return the event of an abort whose hover is over; a pilot override cancels an abort."""
@@ -206,33 +227,38 @@ class CommandHandler:
 
     def _carry_out(
         self, command: OperatorCommand, tactic: Tactic, now_s: float, circumstances: Circumstances
-    ) -> tuple[_Answer, Event | None]:
+    ) -> tuple[_Answer, CommandEffect]:
         row = VERBS[command.verb]
         match command.verb:
             case "kill":
                 self._kills.append(command)
                 self._abort = None
-                return _Answer(row.did, "begun"), row.event
+                return _Answer(row.did, "begun"), CommandEffect(row.event)
             case "start" | "rejoin":
                 starts = command.verb == "start"
-                return self._start(row) if starts else self._rejoin(command, row, circumstances), None
+                return self._start(row) if starts else self._rejoin(command, row, circumstances), UNCHANGED
             case _ if hindrance := self._hindrance(circumstances):
-                return _refused(hindrance), None
+                return _refused(hindrance), UNCHANGED
             case _:
                 return self._move(command, tactic, now_s, circumstances)
 
     def _move(
         self, command: OperatorCommand, tactic: Tactic, now_s: float, circumstances: Circumstances
-    ) -> tuple[_Answer, Event | None]:
+    ) -> tuple[_Answer, CommandEffect]:
         """Carry out a command of a vehicle that flies."""
         match command.verb:
             case "goto":
                 return self._go(command, tactic, circumstances)
             case "abort":
                 return self._abort_or_land(command.origin, tactic, now_s, circumstances)
-            case "formation" | "ring" | "assign":
-                changes = {"formation": self._reshape, "ring": self._change_ring, "assign": self._assign}
-                return changes[command.verb](command, tactic, circumstances), None
+            case "formation" | "ring" | "assign" | "look":
+                changes = {
+                    "formation": self._reshape,
+                    "ring": self._change_ring,
+                    "assign": self._assign,
+                    "look": self._look,
+                }
+                return changes[command.verb](command, tactic, circumstances), UNCHANGED
             case _:
                 return self._steer(VERBS[command.verb], tactic, circumstances)
 
@@ -265,36 +291,36 @@ class CommandHandler:
 
     def _abort_or_land(
         self, origin: str, tactic: Tactic, now_s: float, circumstances: Circumstances
-    ) -> tuple[_Answer, Event | None]:
+    ) -> tuple[_Answer, CommandEffect]:
         """Hover at once and land later; a second abort during the hover lands at once."""
         if self._abort is not None or tactic is Tactic.LAND:
             return self._steer(VERBS["land"], tactic, circumstances)
         if tactic is Tactic.PILOT_OVERRIDE:
-            return _refused(_WHY_NOT[tactic]), None
+            return _refused(_WHY_NOT[tactic]), UNCHANGED
         self._abort = (now_s + self._hover_s, origin)
-        answer, event = self._steer(VERBS["hold"], tactic, circumstances)
+        answer, effect = self._steer(VERBS["hold"], tactic, circumstances)
         unless = "" if circumstances.ends else " unless resumed"
-        return answer._replace(did=f"{answer.did}, lands in {self._hover_s:g} s{unless}"), event
+        return answer._replace(did=f"{answer.did}, lands in {self._hover_s:g} s{unless}"), effect
 
     def _go(
         self, command: OperatorCommand, tactic: Tactic, circumstances: Circumstances
-    ) -> tuple[_Answer, Event | None]:
+    ) -> tuple[_Answer, CommandEffect]:
         """Send the vehicle to a place; it keeps its height, and holds or lands there."""
         place = command.place
         if place is None or command.vehicle is None:
             why = "names no place" if place is None else "sends the whole team: send each vehicle"
-            return _refused(f"the command {why}"), None
+            return _refused(f"the command {why}"), UNCHANGED
         if tactic not in _GOES_FROM:
-            return _refused(_over(tactic, circumstances) or f"not while its tactic is {tactic.value}"), None
+            return _refused(_over(tactic, circumstances) or f"not while its tactic is {tactic.value}"), UNCHANGED
         reason = _over(tactic, circumstances) or circumstances.resume_refused or circumstances.place_refused
         if not circumstances.follows:
             reason = reason or "it is not in offboard"
         if reason:
-            return _refused(reason), None
+            return _refused(reason), UNCHANGED
         self._abort = None
-        self.sent_to = command
         there = "lands" if place.lands else "holds"
-        return _Answer(f"goes to {place.text}, and {there} there"), None if tactic is Tactic.HOLD else Event.HOLD
+        effect = CommandEffect(None if tactic is Tactic.HOLD else Event.HOLD, place)
+        return _Answer(f"goes to {place.text}, and {there} there"), effect
 
     def _reshape(self, command: OperatorCommand, tactic: Tactic, circumstances: Circumstances) -> _Answer:
         """Change the shape of the formation; a vehicle in another tactic takes its place once it is back."""
@@ -338,6 +364,17 @@ class CommandHandler:
         goes = circumstances.follows and tactic not in _CHOOSES_NO_RING
         return _Answer(f"{'goes' if goes else 'will go, once on its mission,'} to the ring '{self._rings[number]}'")
 
+    def _look(self, command: OperatorCommand, tactic: Tactic, _circumstances: Circumstances) -> _Answer:
+        """Point the camera at a place, or at the target again; in a team some vehicles may have no gimbal."""
+        if not self._has_gimbal:
+            return _Answer("has no gimbal to point") if command.vehicle is None else _refused("it has no gimbal")
+        if tactic is Tactic.PILOT_OVERRIDE:
+            return _refused(_WHY_NOT[tactic])
+        if command.time_s < self._looks_s:
+            return _refused("a newer command points its camera")
+        self.looks_at, self._looks_s = command.place, command.time_s
+        return _Answer(f"looks at {'the target' if command.place is None else command.place.text}")
+
     def _unassignable(self, command: OperatorCommand) -> str:
         """Return why a command assigns nothing, whatever the tactic; empty if it does."""
         number = command.ring_number
@@ -353,23 +390,22 @@ class CommandHandler:
         known = ", ".join(self._rings) or "one without a name"
         return f"the mission has no ring of number {number} (rings: {known})"
 
-    def _steer(self, row: VerbRow, tactic: Tactic, circumstances: Circumstances) -> tuple[_Answer, Event | None]:
+    def _steer(self, row: VerbRow, tactic: Tactic, circumstances: Circumstances) -> tuple[_Answer, CommandEffect]:
         resumes = row.event is Event.RESUME
         if resumes and (why := "the operator ends the flight" if circumstances.ends else circumstances.resume_refused):
-            return _refused(why), None
+            return _refused(why), UNCHANGED
         changes = row.event is not None and next_tactic(tactic, row.event) is not tactic
         if not changes and tactic not in row.already:
-            return _refused(_WHY_NOT.get(tactic, f"not while its tactic is {tactic.value}")), None
+            return _refused(_WHY_NOT.get(tactic, f"not while its tactic is {tactic.value}")), UNCHANGED
         if changes and row.event is not Event.HOLD:
             self._abort = None  # the operator has decided what comes after the hover
-        self.stays = True
         # Until the vehicle follows setpoints it has not begun what its tactic is; only landing needs none.
         waits = not circumstances.follows and row.event is not Event.LAND and (changes or tactic is not Tactic.STANDBY)
         did = row.did if changes or waits else row.already[tactic]
         if resumes and changes and circumstances.is_over:
             did = "continues its return"
         when = ", once it is in offboard" if waits else ""
-        return _Answer(did + when), row.event if changes else None
+        return _Answer(did + when), CommandEffect(row.event if changes else None, stays=True)
 
     def _record(self, command: OperatorCommand, answer: _Answer, now_s: float) -> None:
         answer = answer._replace(did=printable(answer.did))  # it may hold text from the autopilot
@@ -377,8 +413,9 @@ class CommandHandler:
         while len(self._done) > COMMANDS_KEPT:
             dropped, _ = self._done.popitem(last=False)
             self._unanswered.pop(dropped, None)
-        is_refused = answer.outcome in ("refused", "misdated")
-        self._notes.add(now_s, CommandOutcome(command.verb, command.origin, answer.did, is_refused))
+        is_refused, place = answer.outcome in ("refused", "misdated"), command.place
+        looks_at_m = () if place is None or command.verb != "look" else (place.x_m, place.y_m)
+        self._notes.add(now_s, CommandOutcome(command.verb, command.origin, answer.did, is_refused, looks_at_m))
 
 
 def _over(tactic: Tactic, circumstances: Circumstances) -> str:

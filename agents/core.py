@@ -6,7 +6,7 @@ returns. The same object therefore flies over MAVLink, in the simulation, and ag
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from math import dist, hypot, inf
+from math import hypot, inf
 from typing import Any
 
 from mypy_extensions import mypyc_attr
@@ -50,12 +50,12 @@ from agents.notes import (
 )
 from agents.outputs import CoreStatus, LandingCause, Outgoing, TickOutput
 from agents.ports import Connection, FlightMode, ModeSource, Reference, Setpoint
+from agents.refusals import place_refusal, rejoin_refusal
 from agents.ring.chooser import RingChooser, Wanted
 from agents.ring.commanded_rings import CommandedRings
 from agents.safety.failsafe import POSITION_ALERTS, override
 from agents.safety.failsafe_monitor import FailsafeMonitor
 from agents.safety.fault_detector import FaultDetector, Faults
-from agents.safety.fence import Area
 from agents.safety.guard import Guard, Guarded, GuardStatus, Interventions
 from agents.safety.neighbours import NEAR_FOR_S, Neighbours
 from agents.safety.traffic import KnownTraffic
@@ -74,7 +74,6 @@ from agents.team.messages import (
     LINK_SILENT_S,
     CommandAnswer,
     CommandedRing,
-    Goal,
     MemberState,
     NextChange,
     OperatorCommand,
@@ -88,12 +87,7 @@ _CHOOSES = (Tactic.STANDBY, Tactic.FORMATION, Tactic.ENCIRCLE, Tactic.TRANSIT)
 """The tactics in which a vehicle chooses among several rings."""
 _LEAVES = (Tactic.RETURN_AND_LAND, Tactic.LAND, Tactic.PILOT_OVERRIDE)
 """Those in which others may have its place; in the rest, such as hold, it keeps its bids."""
-_COMES_DOWN = {Tactic.RETURN_AND_LAND.value, Tactic.LAND.value}
-_KEEPS_ITS_PLACE = ("hold", "aside", "land", "return and land", "pilot override")
-"""The tactics of peers where no other vehicle is sent."""
-_GO_MAX_M = 1000.0
-"""A vehicle is sent no farther: a longer way is likely a slip."""
-_GOES_ON = ("start", "resume", "formation", "ring", "assign", "goto")
+_GOES_ON = ("start", "resume", "formation", "ring", "assign", "goto", "look")
 """With any other verb an operator takes the decision to resume."""
 
 
@@ -106,7 +100,8 @@ class VehicleCore:
         self._notes = Notes()
         shapes = config.shapes if config.excitation is None else ()
         rings = tuple(each.name for each in config.rings)
-        self.commands = CommandHandler(config.vehicle_id, config.safety.abort_hover_s, shapes, self._notes, rings)
+        hover_s, has_gimbal = config.safety.abort_hover_s, config.gimbal is not None
+        self.commands = CommandHandler(config.vehicle_id, hover_s, shapes, self._notes, rings, has_gimbal=has_gimbal)
         self._answers: list[CommandAnswer] = []
         self._revoked: tuple[str, ...] = ()
         self._now_s = 0.0
@@ -214,6 +209,7 @@ class VehicleCore:
             self._planner.leave_for(config)
             self._altitude.change(config)
             self._neighbours.change(config)
+            self._vehicle.change(config)
             if self._tactic is Tactic.ENCIRCLE:
                 self._change(Event.CHANGE_RING, f"to ring '{config.rings[config.ring].name}'")
         self._broadcast.ring = config.ring if on_ring or wanted is not None else None
@@ -264,20 +260,14 @@ class VehicleCore:
     def _follow_journey(self, situation: Situation) -> None:
         """End the way to a place: there, when a failsafe stops the vehicle, or when it takes too long."""
         journey = self._planner.journey
-        if journey is None:
+        end = None if journey is None else journey.end(situation, self.alert if self._failsafe.stops else "")
+        if journey is None or end is None:
             return
-        if self._failsafe.stops:
-            self._end_journey(journey, f"stops on its way: {self.alert}")
-        elif journey.has_arrived(situation):
-            self._end_journey(journey, f"has arrived, and {'lands' if journey.place.lands else 'holds'}", arrived=True)
-            if journey.place.lands:
-                self._change(Event.LAND, cause=LandingCause(verb="goto", origin=journey.origin))
-        elif journey.is_late(situation.now_s):
-            self._end_journey(journey, "does not get there: holds where it is")
-
-    def _end_journey(self, journey: Journey, did: str, *, arrived: bool = False) -> None:
-        self._planner.stay(journey.goal_m if arrived else None)
-        self._notes.add(self._now_s, CommandOutcome("goto", journey.origin, did, is_refused=not arrived))
+        self._planner.stay(journey.goal_m if end.has_arrived else None)
+        outcome = CommandOutcome("goto", journey.origin, end.did, is_refused=not end.has_arrived)
+        self._notes.add(self._now_s, outcome)
+        if end.has_arrived and journey.place.lands:
+            self._change(Event.LAND, cause=LandingCause(verb="goto", origin=journey.origin))
 
     def _plan(self, task: Task) -> Plan:
         """Plan the aim of the tactic, within the slew limit."""
@@ -321,6 +311,8 @@ class VehicleCore:
         self._planner.sent(guarded=guarded.status is not GuardStatus.PASSED)
         self._estimator.sent(now_s, aim_m)
         sent = shifted(plan, aim_m)
+        journey = self._planner.journey
+        self._broadcast.goal = None if journey is None else journey.place
         messages = self._broadcast.messages(task, sent, self.alert, self._reshaping, self._drops)
         return self._output(now_s, setpoint, messages, task.situation, sent, guarded)
 
@@ -401,7 +393,7 @@ class VehicleCore:
             if target is not None and self._engages(target, place_m):
                 # A vehicle that resumes close to the target is not in its place in line: it leaves from its position.
                 in_line = now_s - self._formed_s > self._config.encirclement.smoothing_time_s
-                far_m = FAR_SHARE * self._config.encirclement.radius_far_m
+                far_m = FAR_SHARE * self._config.encirclement.far_m
                 if self._wanted is None or hypot(*(target.mean[POSITION] - place_m).tolist()) < far_m:
                     self._change(Event.ENGAGE, self._reasons(target, place_m))
                     self._planner.engage(now_s, None if in_line else place_m)
@@ -669,51 +661,31 @@ class VehicleCore:
             newer = ring.is_newer_than(command.ring, command.time_s)
             refused = "a newer command of the ring applies" if newer else self._ring_refusal(number, ring)
             circumstances = circumstances._replace(ring_refused=refused)
-        if command.place is not None:
-            circumstances = circumstances._replace(place_refused=self._place_refusal(command.place))
-        if (event := self.commands.take(command, self._tactic, now_s, circumstances)) is not None:
-            self._change(event, cause=LandingCause(verb=command.verb, origin=command.origin))
+        if command.verb == "goto" and command.place is not None:
+            place, estimator = command.place, self._estimator
+            here_m, target_m, peers = estimator.position_m, estimator.targets.position_m, self._team.members()
+            refused = place_refusal(place, self._config, self._altitude.setpoint_m, here_m, target_m, peers)
+            circumstances = circumstances._replace(place_refused=refused)
+        effect = self.commands.take(command, self._tactic, now_s, circumstances)
+        if effect.event is not None:
+            self._change(effect.event, cause=LandingCause(verb=command.verb, origin=command.origin))
         self._is_cut_in_air = self.commands.kills and (self._is_cut_in_air or self._vehicle.status.in_air)
-        self._go_where_sent()
+        if effect.goes_to is not None:
+            self._planner.go(Journey(self._config, effect.goes_to, command.origin, self._altitude.setpoint_m))
+        elif effect.stays and self._planner.journey is not None:
+            self._planner.stay()
         self._follow_commands()
 
     def _follow_commands(self) -> None:
-        """Take the shape, the rings and the assignment that operators commanded last."""
+        """Take the shape, the rings, the assignment and the camera's place that operators commanded last."""
+        looks_at = self.commands.looks_at
+        self._camera.place_m = None if looks_at is None else (looks_at.x_m, looks_at.y_m)
         if self.commands.reshaping is not None:
             self._reshape(self.commands.reshaping)
         for number, ring in enumerate(self.commands.commanded_rings):
             self._change_ring(number, ring)
         if self._chooser is not None:
             self._chooser.assigned = self.commands.assigned
-
-    def _go_where_sent(self) -> None:
-        """Go to the place of a command, or stay if another command has ended the way to one."""
-        sent, stays = self.commands.sent_to, self.commands.stays
-        self.commands.sent_to, self.commands.stays = None, False
-        if sent is not None and sent.place is not None:
-            self._planner.go(Journey(self._config, sent.place, sent.origin))
-        elif stays and self._planner.journey is not None:
-            self._planner.stay()
-
-    def _place_refusal(self, place: Goal) -> str:
-        """Return why the vehicle must not go to a place at its height, empty if it may."""
-        config, here, there_m = self._config, self._estimator.position_m, (place.x_m, place.y_m)
-        if here is None:
-            return "its position is not known"
-        if (way_m := dist(here, there_m)) > _GO_MAX_M:
-            return f"{place.text} is {way_m:.0f} m away, and {_GO_MAX_M:g} m at most are allowed"
-        hindrance = Area(config.safety).hindrance(there_m, self._layer_m, config.safety.separation_m / 2.0)
-        if hindrance:
-            return f"{place.text} is {hindrance}"
-        for name in config.targets or (config.target,):
-            target_m = self._estimator.targets.position_m(name)
-            if target_m is not None and dist(target_m, there_m) < config.safety.keep_out_m:
-                return f"{place.text} is {dist(target_m, there_m):.1f} m from the target, nearer than safety.keep_out_m"
-        for peer in self._team.members():
-            away_m = dist(peer.position_m, there_m)
-            if peer.tactic in _KEEPS_ITS_PLACE and away_m < config.safety.separation_m:
-                return f"{place.text} is {away_m:.1f} m from vehicle {peer.sender}, nearer than safety.separation_m"
-        return ""
 
     def _circumstances(self, now_s: float) -> Circumstances:
         status = self._vehicle.status
@@ -723,31 +695,21 @@ class VehicleCore:
         return Circumstances(
             resume_refused=refused,
             is_down=status.connected and not status.armed and (self._was_armed or self._is_reserve),
-            rejoin_refused=self._rejoin_refused(now_s),
+            rejoin_refused=rejoin_refusal(
+                status,
+                self._tactic,
+                self._config,
+                self._team.members(),
+                now_s - LINK_SILENT_S * self._time_scale,
+                fell=self._fell,
+                is_over=self._is_over or self._ends,
+            ),
             ring=self._config.ring if self._tactic is Tactic.ENCIRCLE else None,
             follows=not status.connected or status.mode in (FlightMode.OFFBOARD, FlightMode.UNKNOWN),
             link_lost=self._was_armed and not status.connected,
             ends=self._ends,
             is_over=self._is_over,
         )
-
-    def _rejoin_refused(self, now_s: float) -> str:
-        """Return why the vehicle must not take off again, as far as it knows; empty if it may."""
-        status = self._vehicle.status
-        if self._fell:
-            return "it fell: recover and inspect it, and fly it in another flight"
-        if not status.connected:
-            return "its link is lost: rejoin once it is received again"
-        if status.armed or status.in_air:
-            flown = self._tactic is Tactic.PILOT_OVERRIDE
-            return "it is in a pilot's hands: let its pilot land and disarm it" if flown else "it has not landed"
-        if self._is_over or self._ends:
-            return "its mission is over"
-        recent_s = now_s - LINK_SILENT_S * self._time_scale
-        tactics = {each.tactic for each in self._team.members() if each.time_s >= recent_s}
-        if tactics and tactics <= _COMES_DOWN:
-            return "the others return and land"
-        return ""
 
     def _receive_sightings(self, state: MemberState) -> None:
         for package in state.sightings:
@@ -785,7 +747,7 @@ class VehicleCore:
         if before.rings:
             self._config = self._config.with_flown(number, ring)
         if self._config != before:
-            for each in (self._planner, self._altitude, self._neighbours):
+            for each in (self._planner, self._altitude, self._neighbours, self._vehicle):
                 each.change(self._config)
             values = ring.radius_m, ring.angular_rate_rad_s, ring.altitude_m, ring.tilt_deg
             name = before.rings[number].name if before.rings else ""

@@ -253,7 +253,5 @@ def _message_text(message: PeerMessage) -> str:
 
 def _command_text(command: OperatorCommand) -> str:
     receiver = "all vehicles" if command.vehicle is None else f"vehicle {command.vehicle}"
-    given = command.ring or command.place
-    argument = command.shape or ("" if given is None else given.text)
-    verb = f"{command.verb} {argument}".rstrip()
+    verb = f"{command.verb} {command.argument}".rstrip()
     return f"{command.origin} to {receiver}: {verb} (command {command.number})"

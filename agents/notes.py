@@ -68,13 +68,14 @@ class ResumeRefusal(msgspec.Struct, frozen=True):
 
 
 class CommandOutcome(msgspec.Struct, frozen=True):
-    """The outcome of an operator's command."""
+    """The outcome of an operator's command; `looks_at_m` is the place (x, y) of the verb look, empty for the target."""
 
     kind: ClassVar[Kind] = "command"
     verb: str
     origin: str
     did: str
     is_refused: bool = False
+    looks_at_m: tuple[float, ...] = ()
 
     @property
     def text(self) -> str:

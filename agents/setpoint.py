@@ -72,6 +72,11 @@ class Altitude:
         self._altitude_m = altitude_m
 
     @property
+    def setpoint_m(self) -> float:
+        """The altitude of the last setpoint, without a lead: that at which a vehicle holds."""
+        return self._altitude_m
+
+    @property
     def target_m(self) -> float | None:
         """The estimate of the target's altitude, None if it is unknown or not followed."""
         return None if self._target is None else self._target.mean_m

@@ -178,7 +178,7 @@ class EncirclementPlanner:
     def _approach(self, radius_m: float) -> Approach:
         if radius_m < self._settings.radius_min_m:
             return Approach.OUTWARD
-        return Approach.INWARD if radius_m > self._settings.radius_far_m else Approach.ORBIT
+        return Approach.INWARD if radius_m > self._settings.far_m else Approach.ORBIT
 
     def _radial_aim(self, motion: Vector, polar: Polar, task: RingTask) -> Vector:
         """Fly straight towards the ring, at a speed that the distance and the speed limit allow."""

@@ -6,12 +6,12 @@ and holds where it is.
 """
 
 from math import dist, hypot
-from typing import Final
+from typing import Final, NamedTuple
 
 from agents.control.aims import along
 from agents.control.plan import Plan
 from agents.control.return_and_land import ARRIVED_M, ARRIVED_M_S
-from agents.safety.routes import Way, routes_of
+from agents.safety.routes import way_of
 from agents.settings.config import AgentConfig
 from agents.situation.situation import Situation
 from agents.team.messages import Goal
@@ -22,19 +22,30 @@ SPEED_SHARE, EXTRA_S = 0.4, 30.0
 """A way that takes longer than at this share of the largest speed, and this time, is given up."""
 
 
+class JourneyEnd(NamedTuple):
+    """How the way to a place ended, as text, and whether the vehicle is there."""
+
+    did: str
+    has_arrived: bool = False
+
+
 class Journey:
     """One vehicle's way to a place, from its first plan on."""
 
-    def __init__(self, config: AgentConfig, place: Goal, origin: str) -> None:
-        """Take the place, and the name of the operator who sends the vehicle there."""
+    def __init__(self, config: AgentConfig, place: Goal, origin: str, height_m: float) -> None:
+        """Take the place, the name of the operator who sends the vehicle there, and the height that it keeps."""
         self.place: Final = place
         self.origin: Final = origin
         self.goal_m: Final[Pair] = (place.x_m, place.y_m)
         self._speed_m_s = config.formation.speed_max_m_s
         self._plant = config.plant
-        routes = routes_of(config, self._speed_m_s)
-        self._way = None if routes is None else Way(routes)
+        self._height_m = height_m
+        self._way = way_of(config, self._speed_m_s, height_m)
         self._until_s: float | None = None
+
+    def change(self, config: AgentConfig) -> None:
+        """Go on with the ring of another configuration: others may fly at other heights, but the zones are the same."""
+        self._way = way_of(config, self._speed_m_s, self._height_m, before=self._way)
 
     def plan(self, situation: Situation) -> Plan:
         """Return the plan of this tick."""
@@ -45,12 +56,18 @@ class Journey:
             self._until_s = situation.now_s + way_m / (SPEED_SHARE * self._speed_m_s) + EXTRA_S
         return along(situation, next_m, self._plant, self._speed_m_s)
 
-    def has_arrived(self, situation: Situation) -> bool:
+    def end(self, situation: Situation, stopped_by: str) -> JourneyEnd | None:
+        """Return how it ends now, None while it goes on; `stopped_by` is the condition that stops the vehicle."""
+        if stopped_by:
+            return JourneyEnd(f"stops on its way: {stopped_by}")
+        if self._has_arrived(situation):
+            return JourneyEnd(f"has arrived, and {'lands' if self.place.lands else 'holds'}", has_arrived=True)
+        if self._until_s is not None and situation.now_s > self._until_s:
+            return JourneyEnd("does not get there: holds where it is")
+        return None
+
+    def _has_arrived(self, situation: Situation) -> bool:
         """Return whether the vehicle is there, and almost at rest."""
         x, y = situation.own.mean[POSITION].tolist()
         is_slow = hypot(*situation.own.mean[VELOCITY].tolist()) < ARRIVED_M_S
         return is_slow and dist((x, y), self.goal_m) < ARRIVED_M
-
-    def is_late(self, now_s: float) -> bool:
-        """Return whether its time is over."""
-        return self._until_s is not None and now_s > self._until_s

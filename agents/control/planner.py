@@ -108,11 +108,16 @@ class Planner:
         """Fly the ring of another configuration from now on."""
         self._ring.change(config)
         self._homing.change(config)
+        self._station.change(config)
+        self._transit.change(config)
+        if self.journey is not None:
+            self.journey.change(config)
 
     def leave_for(self, config: AgentConfig) -> None:
         """Fly another of the mission's rings from now on, once the vehicle is there."""
         self._ring.leave_for(config)
         self._homing.change(config)
+        self._station.change(config)
         self._transit.change(config)
 
     @property
@@ -281,8 +286,9 @@ class PluggedPlanner(Planner):
     def _report(self, situation: Situation, centre: Vector) -> RingReport:
         """Return the report of a vehicle on the mission's ring, with its own position as its reference."""
         polar, rate_rad_s = polar_from_motion(situation.acting_motion, centre), self.ring_rate_rad_s
-        bearings_rad = self._team.ring.bearings_rad(situation.acting_s)
-        weights = weights_of((self._vehicle_id, *bearings_rad), self._gaps)
+        ring = self._team.ring
+        bearings_rad = ring.bearings_rad(situation.acting_s, ring.ids)
+        weights = weights_of((self._vehicle_id, *ring.ids), self._gaps)
         radius = ShapedCoordinate(polar.radius_m, polar.radial_speed_m_s)
         bearing = ShapedCoordinate(polar.bearing_rad, polar.angular_rate_rad_s)
         return RingReport(
@@ -291,7 +297,7 @@ class PluggedPlanner(Planner):
             slowed="",
             needed=FULL_RING,
             joined=True,
-            place=ring_place(polar.bearing_rad, list(bearings_rad.values()), weights),
+            place=ring_place(polar.bearing_rad, bearings_rad, weights),
             reference=RingPoint(radius, bearing, situation.acting_s),
         )
 

@@ -12,7 +12,7 @@ import numpy as np
 
 from agents.control.aims import along
 from agents.control.plan import Plan
-from agents.safety.routes import Way, routes_of
+from agents.safety.routes import way_of
 from agents.settings.config import AgentConfig
 from agents.situation.situation import Situation
 from agents.tactics import Tactic
@@ -30,6 +30,7 @@ RECEIVED_AFTER_S = 1.5
 NOT_RECEIVED_LONGEST_S = 10.0
 LANDING_LONGEST_S = 60.0
 _ON_THE_WAY = Tactic.RETURN_AND_LAND.value
+_PILOTED = Tactic.PILOT_OVERRIDE.value
 _COMING_DOWN = (_ON_THE_WAY, Tactic.LAND.value)
 
 
@@ -43,13 +44,13 @@ class Homing:
         self._began_s: float | None = None
         self._from_m: Vector = np.zeros(2)
         self._rising = True
-        routes = routes_of(config, config.formation.speed_max_m_s)
-        self._way = None if routes is None else Way(routes)
+        self._way = way_of(config, config.formation.speed_max_m_s)
         self._length_m = 0.0
 
     def change(self, config: AgentConfig) -> None:
         """Return from the heights of another ring from now on."""
         self._config = config
+        self._way = way_of(config, config.formation.speed_max_m_s, before=self._way)
 
     @property
     def returns(self) -> bool:
@@ -91,7 +92,9 @@ class Homing:
         near_m = APART * self._config.safety.separation_m
         known = [(peer, dist(peer.position_m, here.tolist())) for peer in peers]
         awaited = since_s < RECEIVED_AFTER_S * time_scale and any(away_m < near_m for _, away_m in known)
-        return self._there(situation) and not awaited and not any(self._waits_for(*each, near_m) for each in known)
+        if awaited or not self._there(situation) or any(self._is_over_pilots(*each, situation) for each in known):
+            return False
+        return not any(self._waits_for(*each, near_m) for each in known)
 
     def _there(self, situation: Situation) -> bool:
         if not self.returns:
@@ -99,6 +102,11 @@ class Homing:
         speed_m_s = hypot(*situation.own.mean[VELOCITY].tolist())
         away_m = hypot(*(situation.own.mean[POSITION] - self._goal).tolist())
         return not self._rising and away_m < ARRIVED_M and speed_m_s < ARRIVED_M_S
+
+    def _is_over_pilots(self, peer: MemberState, away_m: float, situation: Situation) -> bool:
+        """Return whether it would land past a vehicle that a pilot flies: what lands is not guarded."""
+        is_below = peer.altitude_m < situation.height_m
+        return peer.tactic == _PILOTED and is_below and away_m < self._config.safety.separation_m
 
     def _waits_for(self, peer: MemberState, away_m: float, near_m: float) -> bool:
         order = self._config.landing_order

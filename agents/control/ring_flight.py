@@ -1,29 +1,40 @@
 """The flight about the target: the ring that is flown, the vehicle's place on it, and its encirclement task."""
 
 from collections.abc import Sequence
-from math import copysign, cos, hypot, sin, tau
+from math import copysign, cos, floor, hypot, sin, tau
+from typing import Final
 
 from agents.control.aims import along
 from agents.control.encirclement import Approach, EncirclementPlanner, RingTask, undisturbed_m
 from agents.control.plan import Plan, RingReport
 from agents.notes import RingChange
-from agents.ring.bent_ring import RingBend, RingBends, waiting_places_m
+from agents.ring.bent_ring import RingBend, RingBends, places_on, waiting_places_m
 from agents.ring.commanded_ring import Orbit
 from agents.ring.detour import Headway, Motion, Obstacle, bend_m, bends, headway, met
 from agents.ring.feasibility import RingFeasibility
 from agents.ring.joining import Joining
-from agents.ring.place import RingPlace, even_places, neighbours, place_errors_rad, ring_place, weights_of
+from agents.ring.place import (
+    EVEN,
+    RingPlace,
+    RingSize,
+    even_places,
+    neighbours,
+    place_errors_rad,
+    ring_place,
+    weights_of,
+)
 from agents.ring.reference import RingReference, RingWay
 from agents.ring.transition import Mover
 from agents.safety.barriers import demanded_from_m, unsure_m
 from agents.safety.fence import Fence
 from agents.safety.neighbours import Neighbours
-from agents.safety.routes import WAY_SHARE, Way, flown_zones, routes_of
+from agents.safety.routes import WAY_SHARE, Way, flown_zones, way_of
 from agents.settings.config import AgentConfig
 from agents.settings.sections import EncirclementSettings
 from agents.situation.situation import Situation
 from agents.tactics import Tactic
 from agents.team.messages import MemberState
+from agents.team.ring_members import BESIDE_FOR_S
 from agents.team.team import Team
 from estimation.polar import Polar, polar_from_motion
 from estimation.state import POSITION, VELOCITY, Vector
@@ -53,18 +64,52 @@ never reached, and the vehicles on the ring would keep room for it.
 """
 
 
+_PHASE = 0.618
+"""In periods: how much later vehicles of the next id look at all on the ring, so that not all do in the same tick."""
+
+
+class RingRoom:
+    """How many vehicles share the ring, while none comes or goes.
+
+    `size` is that of the ring, `places` the number of even places as near to each other as its nearest, and
+    `coming_places` the same with those that wait for room.
+    """
+
+    def __init__(self, revision: int, weights: Sequence[float], coming: Sequence[float]) -> None:
+        self.revision: Final = revision
+        self.size: Final = RingSize(len(weights), sum(weights))
+        self.places: Final = even_places(weights)
+        self.coming_places: Final = even_places(coming)
+
+
+class RingView:
+    """What a vehicle finds among all on its ring, until another one is `due`.
+
+    `room` is the ring's. Vehicles `beside` may be next to the vehicle meanwhile, `weights` are those of its gap and
+    theirs. `movers` are those of the spacing law, empty until the vehicle has joined.
+    """
+
+    def __init__(self, due: tuple[int, int], room: RingRoom, beside: tuple[int, ...], weights: Sequence[float]) -> None:
+        self.due: Final = due
+        self.room: Final = room
+        self.beside: Final = beside
+        self.weights: Final = weights
+        self.movers: Sequence[Mover] = ()
+
+
 class RingFlight:
     """Plans one vehicle's flight about the target; its state is the ring flown, and whether it has joined."""
 
     def __init__(self, config: AgentConfig, team: Team) -> None:
         self._vehicle_id = config.vehicle_id
         self._plant = config.plant
-        self._gaps = config.gaps
+        self._gaps = EVEN if all(weight == 1.0 for weight in config.gaps.values()) else config.gaps
         self._safety = config.safety
         self._fence = Fence(config.safety.fence_m) if config.safety.fence_m else None
         self._team = team
         self._neighbours = Neighbours(config)
         self._guarded = False
+        self._view: RingView | None = None
         self._make(config)
 
     def _make(self, config: AgentConfig) -> None:
@@ -73,13 +118,11 @@ class RingFlight:
         self._reference = RingReference(config)
         self._feasibility = RingFeasibility(config)
         self._joining = Joining(config)
-        zones = flown_zones(config)
-        places = float(config.places) if config.rings else even_places(weights_of(config.slots, config.gaps))
-        self._bends = RingBends(zones, config.encirclement, config.safety, places) if zones else None
-        self._bend: RingBend | None = None
+        self._view = None
+        self._bends: RingBends | None = None
+        self._way: Way | None = None
         self._way_speed_m_s = WAY_SHARE * min(config.encirclement.speed_max_m_s, config.safety.speed_max_m_s)
-        routes = routes_of(config, self._way_speed_m_s)
-        self._way = None if routes is None else Way(routes)
+        self._avoid_zones(config)
 
     @property
     def rate_rad_s(self) -> float:
@@ -88,6 +131,7 @@ class RingFlight:
 
     def reset(self) -> None:
         """Restart, when the vehicle comes from another tactic."""
+        self._view = None
         self._encirclement.reset()
         self._reference.reset()
         self._feasibility.reset()
@@ -95,13 +139,25 @@ class RingFlight:
 
     def change(self, config: AgentConfig) -> None:
         """Fly the ring of another configuration from now on; a vehicle on the ring changes to it within bounds."""
+        self._view = None
         self._settings = config.encirclement
         self._feasibility.change(config.encirclement)
         self._neighbours.change(config)
         self._reference.change(config)
         self._joining.change(config)
-        if self._bends is not None:
-            self._bends.change(config.encirclement)
+        self._avoid_zones(config)
+
+    def _avoid_zones(self, config: AgentConfig) -> None:
+        """Keep out of the zones at the heights of a configuration, to the ring and on it."""
+        zones = flown_zones(config)
+        if not zones:
+            self._bends = None
+        elif self._bends is None:
+            self._bends = RingBends(zones, config.encirclement, config.safety, places_on(config))
+        else:
+            self._bends.change(zones, config.encirclement)
+        self._bend: RingBend | None = None
+        self._way = way_of(config, self._way_speed_m_s, before=self._way)
 
     def leave_for(self, config: AgentConfig) -> None:
         """Fly another of the mission's rings from now on, once the vehicle is there."""
@@ -190,16 +246,18 @@ class RingFlight:
         Radii of the way in and of the reference are those about the ring as if it were not bent around zones: a vehicle
         that is as far outside of a bent ring is there (`level`).
         """
-        bearings_rad = self._team.ring.bearings_rad(situation.acting_s)
-        weights = weights_of((self._vehicle_id, *bearings_rad), self._gaps)
         level = polar if self._bend is None else _level(polar, self._bend)
-        joined = self._joining.look(level, even_places(weights))
-        place = ring_place(polar.bearing_rad, list(bearings_rad.values()) if joined else (), weights)
+        view, acting_s, ring = self._look(situation, polar), situation.acting_s, self._team.ring
+        joined = self._joining.look(level, view.room.places)
+        if joined and not view.movers:
+            view.movers = self._movers(situation, level, orbit)
+        movers = view.movers if joined else (self._joining.mover(0.0, level.radius_m, orbit),)
+        beside_rad = ring.bearings_rad(acting_s, view.beside) if joined else ()
+        place = ring_place(polar.bearing_rad, beside_rad, view.weights, view.room.size)
         obstacles = self._obstacles(situation, centre, polar)
-        movers = self._movers(situation, level, orbit, joined=joined)
         radius_m = self._joining.radius_m(level, place, movers[0].error_rad) if joined else self._joining.waiting_m
         passes = self._joining.inside and not bends(orbit.radius_m, obstacles, level.radius_m)
-        room = self._headway(situation, centre, polar, orbit, passes=passes)
+        room = self._headway(situation, centre, polar, orbit, view, passes=passes)
         rates_rad_s = room.rates_rad_s
         if self._joining.inside:
             # Where the ring is bent outwards it is as far out as one that comes in, and may fly backwards.
@@ -231,11 +289,11 @@ class RingFlight:
             # Farther outside or inside a vehicle may pass: a clearance to it would make both turn back.
             neighbours=neighbours(
                 polar.bearing_rad,
-                self._team.ring.abreast(situation.acting_s, polar.radius_m, self._safety.separation_m),
+                ring.abreast(acting_s, polar.radius_m, self._safety.separation_m, view.beside),
             ),
             orbit=orbit,
             radius_m=radius_m,
-            reference=self._reference.advance(level, way, situation.acting_s),
+            reference=self._reference.advance(level, way, acting_s),
             authority=situation.authority,
             obstacles=obstacles,
             bend=self._bend,
@@ -248,28 +306,41 @@ class RingFlight:
         next_rad = polar.bearing_rad + copysign(_LOOKED_AHEAD_RAD, orbit.angular_rate_rad_s)
         return min(fence.reach_m((x, y), (cos(at), sin(at))) for at in (polar.bearing_rad, next_rad)) - _FENCE_MARGIN_M
 
-    def _movers(self, situation: Situation, polar: Polar, orbit: Orbit, *, joined: bool) -> Sequence[Mover]:
+    def _look(self, situation: Situation, polar: Polar) -> RingView:
+        """Return the view of all on the ring, a new one where it is due or peers have come or gone."""
+        ring, team, own_id = self._team.ring, self._team, self._vehicle_id
+        due = floor(situation.now_s / BESIDE_FOR_S + _PHASE * own_id), ring.revision
+        if self._view is not None and self._view.due == due:
+            return self._view
+        if self._view is not None and self._view.room.revision == ring.revision:
+            room = self._view.room
+        else:
+            coming = [own_id, *(each.sender for each in team.members() if team.encircles(each))]
+            weights = weights_of((own_id, *ring.ids), self._gaps)
+            room = RingRoom(ring.revision, weights, weights_of(coming, self._gaps))
+        beside = ring.beside(polar.bearing_rad, polar.radius_m, situation.acting_s, self._safety.separation_m)
+        self._view = RingView(due, room, beside, weights_of((own_id, *beside), self._gaps))
+        return self._view
+
+    def _movers(self, situation: Situation, polar: Polar, orbit: Orbit) -> Sequence[Mover]:
         """Return how far the vehicles' places are from even ones, and their bounds, the vehicle's own first.
 
         While the vehicles on the ring do not all know the same references, a place among those that it knows is none
         among all: the vehicle then corrects towards the middle between its neighbours, as (22) states.
-
-        A vehicle that waits for room on the ring keeps its bearing.
         """
-        mover = self._joining.mover
-        if not joined:
-            return (mover(0.0, polar.radius_m, orbit),)
-        own_rad, ring = self._reference.place_rad(polar, orbit, situation.acting_s), self._team.ring
-        others = ring.others(situation.acting_s)
+        mover, ring = self._joining.mover, self._team.ring
+        own_rad, others = self._reference.place_rad(polar, orbit, situation.acting_s), ring.others(situation.acting_s)
         if not ring.is_known_to_all(self._vehicle_id):
             weights = weights_of((self._vehicle_id, *(each for each, _, _ in others)), self._gaps)
             error_rad = ring_place(own_rad, [bearing_rad for _, bearing_rad, _ in others], weights).error_rad
             return mover(error_rad, polar.radius_m, orbit), mover(-error_rad, polar.radius_m, orbit)
         members = [(self._vehicle_id, own_rad, polar.radius_m), *others]
         errors_rad = place_errors_rad([each[1] for each in members], [each[0] for each in members], self._gaps)
-        return [mover(error, radius_m, orbit) for error, (_, _, radius_m) in zip(errors_rad, members, strict=True)]
+        return self._joining.movers(errors_rad, [each[2] for each in members], orbit)
 
-    def _headway(self, situation: Situation, centre: Vector, polar: Polar, orbit: Orbit, *, passes: bool) -> Headway:
+    def _headway(
+        self, situation: Situation, centre: Vector, polar: Polar, orbit: Orbit, view: RingView, *, passes: bool
+    ) -> Headway:
         """Return the angular rates and the radius that keep the headway to the vehicles around.
 
         A vehicle on the ring `passes` those farther out: they wait there, unless the ring is bent.
@@ -278,9 +349,9 @@ class RingFlight:
         motions = [
             _motion(member, situation.acting_s, about) for member in self._team.near() if self._team.encircles(member)
         ]
-        ids = [self._vehicle_id, *(each.sender for each in self._team.members() if self._team.encircles(each))]
-        places = even_places(weights_of(ids, self._gaps))
-        headway_m = min(_HEADWAY * self._safety.separation_m, _HEADWAY_SHARE * tau / places * orbit.radius_m)
+        headway_m = min(
+            _HEADWAY * self._safety.separation_m, _HEADWAY_SHARE * tau / view.room.coming_places * orbit.radius_m
+        )
         abreast_m = _PASSED * self._safety.separation_m if passes else _ABREAST * headway_m
         return headway(polar, motions, headway_m, abreast_m)
 
@@ -315,7 +386,8 @@ def _level(polar: Polar, bend: RingBend) -> Polar:
 
 def _limits(ring: EncirclementSettings) -> dict[str, object]:
     """Return what a commanded ring never changes: the limits of speed and acceleration, and the tuning."""
-    return ring.model_dump(exclude={"radius_m", "angular_rate_rad_s", "altitude_m", "tilt_deg", "tilt_bearing_deg"})
+    commanded = {"radius_m", "angular_rate_rad_s", "altitude_m", "tilt_deg", "tilt_bearing_deg"}
+    return ring.model_dump(exclude=commanded) | {"radius_far_m": ring.far_m}
 
 
 def _forwards(rates_rad_s: Pair, ring_rad_s: float) -> Pair:

@@ -13,7 +13,7 @@ import numpy as np
 from agents.control.aims import extrapolated
 from agents.control.formation import FormationPlanner, Predecessor, mission_line, predecessor_of
 from agents.control.plan import Plan
-from agents.safety.routes import REACHED_M, Way, routes_of
+from agents.safety.routes import REACHED_M, way_of
 from agents.settings.config import AgentConfig
 from agents.situation.situation import Situation
 from agents.team.team import Team
@@ -41,8 +41,7 @@ class StationKeeping:
         self._predecessor_id: int | None = None
         self._in_place: set[int] = set()
         self._arrived = False
-        routes = routes_of(config, config.formation.speed_max_m_s)
-        self._way = None if routes is None else Way(routes)
+        self._way = way_of(config, config.formation.speed_max_m_s)
 
     def start(self, at_s: float) -> None:
         """Begin the mission line at `at_s`."""
@@ -58,6 +57,10 @@ class StationKeeping:
         self._take(config)
         self._formation.reset()
         self._in_place.clear()
+
+    def change(self, config: AgentConfig) -> None:
+        """Come from the heights of another ring from now on."""
+        self._way = way_of(config, config.formation.speed_max_m_s, before=self._way)
 
     def plan(self, situation: Situation) -> Plan:
         """Plan relative to the predecessor, or to the mission's line."""

@@ -13,7 +13,7 @@ from agents.control.aims import along
 from agents.control.encirclement import aim_for_acceleration, undisturbed_m
 from agents.control.plan import Plan
 from agents.ring.joining import ASIDE
-from agents.safety.routes import WAY_SHARE, Way, routes_of
+from agents.safety.routes import WAY_SHARE, Way, way_of
 from agents.settings.config import AgentConfig
 from agents.situation.situation import Situation
 from estimation.frames import wrap_signed_rad
@@ -55,10 +55,8 @@ class Transit:
     """Plans one vehicle's way to its ring, in a mission of several rings; without its target it stays."""
 
     def __init__(self, config: AgentConfig) -> None:
-        self._config = config
-        self._arrived = False
-        routes = routes_of(config, WAY_SHARE * min(config.encirclement.speed_max_m_s, config.safety.speed_max_m_s))
-        self._way = None if routes is None else Way(routes)
+        self._way: Way | None = None
+        self.change(config)
 
     @property
     def arrived(self) -> bool:
@@ -68,6 +66,8 @@ class Transit:
     def change(self, config: AgentConfig) -> None:
         """Fly to the ring of another configuration from now on."""
         self._config, self._arrived = config, False
+        way_m_s = WAY_SHARE * min(config.encirclement.speed_max_m_s, config.safety.speed_max_m_s)
+        self._way = way_of(config, way_m_s, before=self._way)
 
     def plan(self, situation: Situation) -> Plan | None:
         """Return the plan of this tick, None if the target is not known."""
@@ -80,7 +80,7 @@ class Transit:
         away_m, there_m = hypot(goal_x - x, goal_y - y), ring.radius_m + ASIDE * config.safety.separation_m
         around_m = self._around_m((x, y), (goal_x, goal_y), away_m - there_m)
         is_straight = is_straight and around_m is None
-        self._arrived = away_m < there_m or (is_straight and away_m < FAR_SHARE * ring.radius_far_m)
+        self._arrived = away_m < there_m or (is_straight and away_m < FAR_SHARE * ring.far_m)
         if around_m is not None:
             way_m_s = WAY_SHARE * min(ring.speed_max_m_s, config.safety.speed_max_m_s)
             return along(situation, around_m, config.plant, way_m_s)

@@ -15,8 +15,9 @@ import numpy as np
 
 from agents.ring.detour import MARGIN_M
 from agents.ring.feasibility import RESERVE
-from agents.ring.place import chord_m
-from agents.safety.routes import passing_room_m, shapes_of, wider
+from agents.ring.place import chord_m, even_places, weights_of
+from agents.safety.routes import flown_zones, passing_room_m, shapes_of, wider
+from agents.settings.config import AgentConfig
 from agents.settings.sections import EncirclementSettings, NoFlySection, SafetySettings
 from estimation.state import Vector
 from estimation.vectors import Pair
@@ -217,12 +218,12 @@ class RingBends:
     def __init__(
         self, zones: Sequence[NoFlySection], ring: EncirclementSettings, safety: SafetySettings, places: float
     ) -> None:
-        self._zones, self._safety, self._places = zones, safety, places
-        self.change(ring)
+        self._safety, self._places = safety, places
+        self.change(zones, ring)
 
-    def change(self, ring: EncirclementSettings) -> None:
-        """Bend the ring of other settings from now on."""
-        self._bender = Bender(self._zones, ring, self._safety, self._places)
+    def change(self, zones: Sequence[NoFlySection], ring: EncirclementSettings) -> None:
+        """Bend the ring of other settings around other zones from now on."""
+        self._bender = Bender(zones, ring, self._safety, self._places)
         self._centre_m: Pair | None = None
         self._before = self._after = self._flown = _CIRCLE
         self._changed_s = -inf
@@ -241,6 +242,20 @@ class RingBends:
         else:
             self._flown = self._before.towards(self._after, share)
         return self._flown
+
+
+def places_on(config: AgentConfig) -> float:
+    """Return how many vehicles, evenly spaced, the ring of a configuration has to have room for."""
+    return float(config.places) if config.rings else even_places(weights_of(config.slots, config.gaps))
+
+
+def bend_of(config: AgentConfig, centre_m: Pair) -> RingBend | None:
+    """Return the bend of a configuration's ring about a centre, a circle where no zone is in its way.
+
+    None if no side of some zone can be passed.
+    """
+    zones = flown_zones(config)
+    return Bender(zones, config.encirclement, config.safety, places_on(config)).bend(centre_m) if zones else _CIRCLE
 
 
 _CIRCLE = RingBend(np.zeros(BEARINGS), np.full(BEARINGS, inf))

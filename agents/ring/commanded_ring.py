@@ -139,7 +139,7 @@ def ring_bounds(config: AgentConfig) -> RingBounds:
     low_m, high_m = config.lowest_between_m
     return RingBounds(
         max(ring.radius_min_m, safety.keep_out_m, _least_m(config)),
-        ring.radius_far_m,
+        ring.far_m,
         min(ring.speed_max_m_s, safety.speed_max_m_s),
         min(ring.acceleration_max_m_s2, safety.acceleration_max_m_s2),
         HEIGHT_LEAST_M if low_m is None else max(low_m, HEIGHT_LEAST_M),

@@ -5,20 +5,25 @@ peer's program may be faulty, or lie.
 """
 
 from collections.abc import Callable, Mapping
+from functools import lru_cache
 from math import dist, inf
 from typing import NamedTuple
 
 from agents.notes import PeerRingRefusal
+from agents.ring.bent_ring import Bender, places_on
 from agents.ring.commanded_ring import circles_apart_m, impossible_value, ring_refusal
 from agents.safety.fence import Fence
 from agents.safety.neighbours import ring_bands_m
+from agents.safety.routes import flown_zones
 from agents.settings.config import AgentConfig
-from agents.settings.sections import EncirclementSettings
+from agents.settings.sections import EncirclementSettings, NoFlySection, SafetySettings
 from agents.team.messages import MISSION_RING, CommandedRing
 from estimation.vectors import Pair
 
 TargetPlace = Callable[[str | None], Pair | None]
 """Returns where the target of a name is, None if that is not known; the only target has no name."""
+_GRID_M = 0.5
+"""Whether a ring can bend around zones is judged about the place on this grid that is nearest to the target."""
 NOTED_AGAIN_S = 10.0
 """Other refused values of a peer's ring are noted at most this often: a vehicle that lies must not fill the log."""
 
@@ -108,8 +113,10 @@ class CommandedRings:
         """Return why the vehicle cannot fly a ring as in `flown` beside the others as in `rings`, empty if it can."""
         place_m, fence_m = target_m(flown.target), flown.safety.fence_m
         reach_m = inf if place_m is None or not fence_m else Fence(fence_m).clearance_m(place_m)
-        return ring_refusal(flown, reach_m) or cut_refusal(
-            rings.with_flown(number, flown.encirclement).on_ring(number), target_m
+        return (
+            ring_refusal(flown, reach_m)
+            or cut_refusal(rings.with_flown(number, flown.encirclement).on_ring(number), target_m)
+            or zones_refusal(flown, place_m)
         )
 
     def _is_news(self, sender: int, number: int, ring: CommandedRing, now_s: float) -> bool:
@@ -118,6 +125,25 @@ class CommandedRings:
             return False
         self._refused[sender, number] = _Refused(ring, now_s)
         return True
+
+
+def zones_refusal(flown: AgentConfig, target_m: Pair | None) -> str:
+    """Return why the ring of a configuration cannot bend around the zones at its heights; empty if it can."""
+    if target_m is None or not (zones := flown_zones(flown)):
+        return ""
+    x, y = (_GRID_M * round(each / _GRID_M) for each in target_m)
+    if _can_bend(zones, flown.encirclement, flown.safety, places_on(flown), (x, y)):
+        return ""
+    names = ", ".join(f"'{each.name}'" for each in zones)
+    return f"the ring cannot bend around {names}: choose another radius, rate or altitude"
+
+
+@lru_cache(maxsize=16)
+def _can_bend(
+    zones: tuple[NoFlySection, ...], ring: EncirclementSettings, safety: SafetySettings, places: float, centre_m: Pair
+) -> bool:
+    """Return whether a ring can bend around zones; every state of a peer asks again what was refused."""
+    return Bender(zones, ring, safety, places).bend(centre_m) is not None
 
 
 def cut_refusal(config: AgentConfig, target_m: TargetPlace) -> str:

@@ -5,6 +5,7 @@ around the ring, outside of it, and enters once it is in front of its place and 
 for which the ring has no room waits outside, and does not publish its bearing.
 """
 
+from collections.abc import Sequence
 from math import sqrt
 
 from agents.ring.commanded_ring import Orbit
@@ -111,6 +112,23 @@ class Joining:
     def coming(self, radius_m: float) -> float:
         """Return how far a vehicle at a radius is still outside: 0 on the ring, 1 from the waiting circle on."""
         return min(1.0, max(0.0, ((radius_m - self.ring_m) / self._separation_m - 1.0) / (WAITING - 1.0)))
+
+    def movers(self, errors_rad: Sequence[float], radii_m: Sequence[float], orbit: Orbit) -> list[Mover]:
+        """Return the bounds of the vehicles that change places, the own first, from their errors and radii.
+
+        Vehicles on the ring have the same bounds, those of the outermost. Of them the law needs the two that are
+        farthest from their places, ahead and behind.
+        """
+        found, on_ring, size_m = [self.mover(errors_rad[0], radii_m[0], orbit)], list[float](), 0.0
+        for error_rad, radius_m in zip(errors_rad[1:], radii_m[1:], strict=True):
+            if self.coming(radius_m) > 0.0:
+                found.append(self.mover(error_rad, radius_m, orbit))
+            else:
+                on_ring.append(error_rad)
+                size_m = max(size_m, radius_m)
+        if on_ring:
+            found += [self.mover(error_rad, size_m, orbit) for error_rad in {min(on_ring): 0, max(on_ring): 0}]
+        return found
 
     def mover(self, error_rad: float, radius_m: float, orbit: Orbit) -> Mover:
         """Return the bounds of a vehicle at a radius: of a transition on the ring, its own on its way in.

@@ -5,7 +5,7 @@ Ahead is counter-clockwise, whichever way the ring turns.
 
 from collections.abc import Iterable, Mapping, Sequence
 from math import sin, tau
-from typing import Final
+from typing import Final, NamedTuple
 
 Gaps = Mapping[int, float]
 """The weights of the gaps ahead of vehicles, by id, 1 for others. The wanted gaps are in proportion to the weights of
@@ -16,7 +16,7 @@ EVEN: Final[Gaps] = {}
 
 def weights_of(ids: Iterable[int], gaps: Gaps) -> list[float]:
     """Return the weights of the gaps ahead of vehicles."""
-    return [gaps.get(each, 1.0) for each in ids]
+    return [gaps.get(each, 1.0) for each in ids] if gaps else [1.0 for _ in ids]
 
 
 def even_places(weights: Sequence[float]) -> float:
@@ -58,19 +58,33 @@ class RingPlace:
         return (of_lead * self.lead_rad - of_lag * self.lag_rad) / 3.0
 
 
-def ring_place(bearing_rad: float, other_bearings_rad: Sequence[float], weights: Sequence[float] = ()) -> RingPlace:
+class RingSize(NamedTuple):
+    """How many vehicles are on a ring, and the sum of the weights of their gaps."""
+
+    members: int
+    weights: float
+
+
+def ring_place(
+    bearing_rad: float,
+    other_bearings_rad: Sequence[float],
+    weights: Sequence[float] = (),
+    size: RingSize | None = None,
+) -> RingPlace:
     """Find the neighbours of a vehicle from the bearings of all about the target, and the wanted gaps - (15), (16).
 
-    `weights` are those of the gaps, the vehicle's own first; all are 1 if it is empty.
+    `weights` are those of the gaps, the vehicle's own first; all are 1 if it is empty. `size` is that of the ring where
+    the others are only those that may be next to the vehicle.
     """
     if not other_bearings_rad:
         return RingPlace(1, None, None)
     own, *others = weights or [1.0] * (1 + len(other_bearings_rad))
-    unit_rad, ahead = tau / (own + sum(others)), [(other - bearing_rad) % tau for other in other_bearings_rad]
+    members, whole = size or (1 + len(others), own + sum(others))
+    unit_rad, ahead = tau / whole, [(other - bearing_rad) % tau for other in other_bearings_rad]
     # A member at the vehicle's own bearing counts as one turn ahead and one turn behind.
     farthest_rad, behind = max(zip([angle % tau for angle in ahead], others, strict=True))
     lead_rad = min([angle or tau for angle in ahead])
-    return RingPlace(len(ahead) + 1, lead_rad, tau - farthest_rad, own * unit_rad, behind * unit_rad)
+    return RingPlace(members, lead_rad, tau - farthest_rad, own * unit_rad, behind * unit_rad)
 
 
 _Neighbour = tuple[float, float]

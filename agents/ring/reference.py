@@ -59,6 +59,7 @@ class RingPoint:
 class RingWay:
     """The input of a reference: the orbit at `radius_m`, and the n vehicles that change places, its own first.
 
+    The law's correction of the rate is computed anew for other `movers` than those of the way before.
     `acceleration` bounds its acceleration along the ring and across it. `rates_rad_s` are the least and the
     largest angular rate that keep the headway. `share` is that of the encirclement in the vehicle's aim. At the
     vehicle's bearing the ring is `bend_m` farther out than the reference. The vehicle `waits` while the guard changes
@@ -92,6 +93,8 @@ class RingReference:
     def __init__(self, config: AgentConfig) -> None:
         self._waiting_m = WAITING * config.safety.separation_m
         self._point: RingPoint | None = None
+        self._corrected: Sequence[Mover] = ()
+        self._correction_rad_s = 0.0
         self.change(config)
 
     def reset(self) -> None:
@@ -101,6 +104,7 @@ class RingReference:
     def change(self, config: AgentConfig) -> None:
         """Move on the ring of another configuration from now on."""
         self._settings, self._transition = config.encirclement, transition_of(config.encirclement)
+        self._corrected = ()
 
     def place_rad(self, polar: Polar, orbit: Orbit, at_s: float) -> float:
         """Return the bearing of the place at a time, before `advance`."""
@@ -159,7 +163,10 @@ class RingReference:
             min(fastest_m_s, way.acceleration.braked_m_s(radius.value - ring_m, way.radius_m - ring_m)),
         )
         turning_rad_s = self._turned_rad_m(self._outside_m(radius.value, way.orbit), way.orbit) * towards_m_s
-        rate_rad_s = turning_rad_s + transition_rate_rad_s(way.movers, ring_rad_s, transition.gain_per_s)
+        if way.movers is not self._corrected:
+            self._corrected = way.movers
+            self._correction_rad_s = transition_rate_rad_s(way.movers, ring_rad_s, transition.gain_per_s) - ring_rad_s
+        rate_rad_s = turning_rad_s + ring_rad_s + self._correction_rad_s
         # Both may rise together: the one leaves the other the room for what it is to be, not only for what it is.
         around_m_s = max(abs(bearing.rate), min(abs(rate_rad_s), _ACROSS_SHARE * fastest_m_s / size_m)) * size_m
         speed_m_s = way.orbit.radius_rate_m_s + limited(towards_m_s, across_m_s(fastest_m_s, around_m_s))

@@ -57,17 +57,18 @@ def passing_room_m(speed_m_s: float, safety: SafetySettings) -> float:
     return ZONE_MARGIN_M + _PASSED_SHARE * speed_m_s / safety.barrier_rate_per_s
 
 
-def flown_zones(config: AgentConfig) -> tuple[NoFlySection, ...]:
+def flown_zones(config: AgentConfig, *held_m: float) -> tuple[NoFlySection, ...]:
     """Return the zones that plans keep out of: those between the lowest and the highest height of the team.
 
-    Vehicles change their heights anywhere between them, so one above another's height is in the way as well.
+    Vehicles change their heights anywhere between them, so one above another's height is in the way as well. The ring's
+    are those of the configuration, as commanded; `held_m` are other heights that count.
     """
     if not config.safety.no_fly:
         return ()
     highest_m = config.altitude_m if config.layers_from_m is None else config.layers_from_m
     altitudes_m = (config.lowest_m, max(highest_m, config.lowest_m))
     low_m, high_m = heights_m(altitudes_m, len(config.slots), config.encirclement, config.choreography)
-    return zones_between(config.safety, low_m, high_m)
+    return zones_between(config.safety, min(low_m, *held_m, high_m), max(low_m, *held_m, high_m))
 
 
 def zones_between(safety: SafetySettings, low_m: float, high_m: float) -> tuple[NoFlySection, ...]:
@@ -77,10 +78,16 @@ def zones_between(safety: SafetySettings, low_m: float, high_m: float) -> tuple[
     ])  # fmt: skip
 
 
-def routes_of(config: AgentConfig, speed_m_s: float) -> "Routes | None":
-    """Return the ways of a vehicle at a speed; None if no zone is in its way, so that all are straight."""
-    zones = flown_zones(config)
-    return routes_between(zones, config.safety.fence_m, passing_room_m(speed_m_s, config.safety)) if zones else None
+def way_of(config: AgentConfig, speed_m_s: float, *held_m: float, before: "Way | None" = None) -> "Way | None":
+    """Return the way of a vehicle at a speed; None if no zone is at its heights, so that all ways are straight.
+
+    `before` is its way so far, which stays if the same zones are in the way. `held_m` as in `flown_zones`.
+    """
+    zones = flown_zones(config, *held_m)
+    if not zones:
+        return None
+    routes = routes_between(zones, config.safety.fence_m, passing_room_m(speed_m_s, config.safety))
+    return before if before is not None and before.routes is routes else Way(routes)
 
 
 @lru_cache(maxsize=64)
@@ -228,6 +235,11 @@ class Way:
     def reset(self) -> None:
         """Forget the way, when the vehicle comes from another tactic."""
         self._goals_m = ()
+
+    def places_m(self, here_m: Pair, *goals_m: Pair) -> tuple[Pair, ...]:
+        """Return the places of the whole way from here to the nearest of the goals, the last; empty without a way."""
+        self._find(here_m, goals_m)
+        return tuple(self._places_m)
 
     def next_m(self, here_m: Pair, *goals_m: Pair) -> Pair:
         """Return the next place of the way to the nearest of the goals, the goal in the end.

@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from math import hypot, inf
 
 from agents.ports import VehicleStatus
-from agents.safety.endurance import Endurance, return_duration_s
+from agents.safety.endurance import Endurance, WayHome, return_duration_s
 from agents.safety.failsafe import ALTITUDE_TOLERANCE_M, Condition, reported_faults
 from agents.settings.config import AgentConfig
 from agents.situation.situation import Situation
@@ -93,6 +93,7 @@ class VehicleWatch:
 
     def __init__(self, config: AgentConfig, own: OwnFilter) -> None:
         self._config = config
+        self._way_home = WayHome(config)
         self._following = Following(config.plant, own)
         self._endurance = Endurance(config.failsafe.battery_critical)
         self.plant = PlantWatch(config.plant, config.slots.index(config.vehicle_id) % _STAGGERED * _STAGGER_S)
@@ -105,6 +106,11 @@ class VehicleWatch:
         self._present: Mapping[Condition, str] = _NOTHING
         self._tactic = Tactic.STANDBY
         self._next_s = -inf
+
+    def change(self, config: AgentConfig) -> None:
+        """Come home from the heights of another ring from now on."""
+        self._config = config
+        self._way_home.change(config)
 
     def faults(self, situation: Situation, tactic: Tactic) -> Mapping[Condition, str]:
         """Return the present conditions, each with the detail shown to people."""
@@ -144,6 +150,6 @@ class VehicleWatch:
     def _compare(self, faults: dict[Condition, str], situation: Situation, left_s: float) -> None:
         x, y = situation.own.mean[POSITION].tolist()
         w_x, w_y = situation.own.mean[DISTURBANCE].tolist()
-        way_s = return_duration_s(self._config, (x, y), situation.height_m, (w_x, w_y))
+        way_s = return_duration_s(self._config, self._way_home.places_m((x, y)), (x, y), situation.height_m, (w_x, w_y))
         if left_s < way_s + self._config.failsafe.reserve_s:
             faults[Condition.NO_WAY_HOME] = f"{left_s:.0f} s of flight left, the flight home takes {way_s:.0f} s"

@@ -45,7 +45,8 @@ class AgentConfig:
 
     `slots` are the vehicles of the formation in line order, with this one; `line_start_m` is the start of the leader's
     line, `altitude_m` its flying height, `communication_radius_m` the radio range. `home_m` is where it takes off
-    (None: it lands in place), `rally_m` are its spots at the rally points, `layers_from_m` is the lowest layer's height
+    (None: it lands in place), `rally_m` are its spots at the rally points, `starts_m` the places where the vehicles of
+    `slots` take off (empty: not known), `layers_from_m` is the lowest layer's height
     and `altitude_lowest_m` the lowest flying height (None: its own). The ring's lowest vehicle stays between the two of
     `lowest_between_m`, which keeps every vehicle inside its limits. `slots_m` are the positions in a free formation,
     `gaps` the weights of the ring's gaps. With `excitation` it flies for identification.
@@ -73,6 +74,7 @@ class AgentConfig:
     choreography: ChoreographySettings = field(default_factory=ChoreographySettings)
     home_m: tuple[float, float] | None = None
     rally_m: tuple[tuple[float, float], ...] = ()
+    starts_m: tuple[tuple[float, float], ...] = ()
     layers_from_m: float | None = None
     altitude_lowest_m: float | None = None
     lowest_between_m: tuple[float | None, float | None] = (None, None)
@@ -90,6 +92,20 @@ class AgentConfig:
     def landing_places_m(self) -> tuple[tuple[float, float], ...]:
         """Where it may land: where it takes off and its spots at rally points; none without a home."""
         return () if self.home_m is None else (self.home_m, *self.rally_m)
+
+    @property
+    def others_landing_places_m(self) -> list[tuple[int, tuple[float, float]]]:
+        """Where the other vehicles may land, each with its id: about a rally point they stand as at the start."""
+        if self.home_m is None:
+            return []
+        (x, y), others = self.home_m, zip(self.slots, self.starts_m, strict=True) if self.starts_m else ()
+        spots_m = [(spot_x - x, spot_y - y) for spot_x, spot_y in self.landing_places_m]
+        return [
+            (other, (other_x + spot_x, other_y + spot_y))
+            for other, (other_x, other_y) in others
+            if other != self.vehicle_id
+            for spot_x, spot_y in spots_m
+        ]
 
     def on_ring(self, ring: int) -> "AgentConfig":
         """Return the configuration of this vehicle on another of its mission's rings; it is this one with one ring."""
@@ -152,7 +168,8 @@ class AgentConfig:
         """
         names = ("radius_m", "angular_rate_rad_s", "altitude_m", "tilt_deg")
         given = zip(names, (radius_m, angular_rate_rad_s, altitude_m, tilt_deg), strict=True)
-        ring = self.encirclement.model_copy(update={name: value for name, value in given if value is not None})
+        update = {name: value for name, value in given if value is not None} | {"radius_far_m": self.encirclement.far_m}
+        ring = self.encirclement.model_copy(update=update)
         engages_m = self.decision.distance_max_m + max(0.0, ring.radius_m - self.encirclement.radius_m)
         return replace(self, encirclement=ring, decision=self.decision.model_copy(update={"distance_max_m": engages_m}))
 

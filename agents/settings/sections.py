@@ -96,6 +96,9 @@ class EncirclementSection(Settings):
     )
 
 
+_FAR_M, _FAR_RADII = 60.0, 3.0
+
+
 class EncirclementSettings(EncirclementSection, EncirclementTuning):
     """All settings of the encirclement: `[encirclement]` and `[tuning.encirclement]`."""
 
@@ -108,6 +111,11 @@ class EncirclementSettings(EncirclementSection, EncirclementTuning):
         ring_m_s = abs(self.angular_rate_rad_s) * self.radius_m
         left_m_s = max(0.9 * self.speed_max_m_s - ring_m_s, 0.5 * ring_m_s, 1.0)
         return min(max(1.0, 0.5 * ring_m_s, 0.1 * self.radius_m), left_m_s, self.speed_max_m_s)
+
+    @property
+    def far_m(self) -> float:
+        """How far out a vehicle flies straight inwards; it does not follow a commanded radius."""
+        return max(_FAR_M, _FAR_RADII * self.radius_m) if self.radius_far_m is None else self.radius_far_m
 
     @property
     def rise_m(self) -> float:

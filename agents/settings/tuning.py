@@ -141,10 +141,11 @@ class EncirclementTuning(Settings):
         gt=0.0,
         le=1000.0,
     )
-    radius_far_m: float = tuned(
-        60.0,
+    radius_far_m: float | None = tuned(
+        None,
         "farther out a vehicle flies straight inwards",
-        "Farther out than this a vehicle flies straight inwards: six times the radius of the bundled rings.",
+        "Farther out than this a vehicle flies straight inwards: unless given, 60 m or three times the radius of the "
+        "ring, whichever is more.",
         gt=0.0,
         le=10000.0,
     )

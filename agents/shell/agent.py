@@ -242,6 +242,10 @@ class Agent:
     async def connect(self) -> None:
         """Connect to the vehicle and the peers; nothing moves. Raises VehicleRefusedError."""
         await self._parts.bus.open(self._receive, OutsideSensors(self._parts).take, self._note_presence)
+        await self.connect_link()
+
+    async def connect_link(self) -> None:
+        """Connect to the vehicle alone, again after it was not received. Raises VehicleRefusedError."""
         await self._link.connect(self._sense)
 
     def announce(self) -> None:

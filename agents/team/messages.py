@@ -18,7 +18,7 @@ from agents.settings.shapes import Shape
 from agents.tactics import Tactic
 from agents.team.packing import FLAT, PAIRED, SHARED, Added, Age, AheadOf, OneOf, Unit, Within
 from agents.team.text import PRINTABLE
-from agents.team.verbs import Verb
+from agents.team.verbs import TARGET, VERBS, Verb
 
 VehicleId = Annotated[int, msgspec.Meta(ge=1, le=254)]
 TIME_MAX_S = 1e12
@@ -123,7 +123,7 @@ class RingValues(msgspec.Struct, frozen=True, array_like=True):
 
 
 class Goal(msgspec.Struct, frozen=True, array_like=True):
-    """The place of the verb goto, in the mission frame, and whether the vehicle lands there; otherwise it holds."""
+    """A place in the mission frame, for the verbs goto and look, and whether a vehicle lands there; else it holds."""
 
     x_m: _Metres
     y_m: _Metres
@@ -247,8 +247,8 @@ class MemberState(msgspec.Struct, frozen=True, array_like=True):
     deviation of the position, `alert` the active failsafe condition, empty if none; `shape` is the formation's shape
     that operators commanded last, at `shaped_s`; None is the mission's. `drops` are the messages that it has dropped so
     far. `ring` is the ring that operators commanded. In a mission of several rings `choice` has it, and more.
-    `traffic` are aircraft that its autopilot receives, once a second. These three, drops and sightings are for cordon's
-    own use.
+    `traffic` are aircraft that its autopilot receives, once a second, and `goal` is the place that it is on its way to,
+    None without one. These four, drops and sightings are for cordon's own use.
     """
 
     sender: VehicleId
@@ -269,6 +269,7 @@ class MemberState(msgspec.Struct, frozen=True, array_like=True):
     ring: Annotated[CommandedRing | None, Added(1)] = None
     choice: Annotated[RingChoice | None, Added(2)] = None
     traffic: Annotated[Annotated[tuple[Aircraft, ...], msgspec.Meta(max_length=TRAFFIC_MAX)] | None, Added(3)] = None
+    goal: Annotated[Goal | None, Added(4)] = None
 
 
 class MissionIdentity(msgspec.Struct, frozen=True, array_like=True):
@@ -304,10 +305,10 @@ class OperatorCommand(msgspec.Struct, frozen=True, array_like=True, tag="command
     """An operator's command to one vehicle, or to all (None), dated by the team's clock; `origin` is the operator.
 
     It is repeated, with a new date, until it is answered: `origin`, `verb` and `number` identify it. `shape` is the
-    argument of the verb formation, `place` that of the verb goto, `ring` that of the verb ring, of the ring of number
-    `ring_number` among the mission's, which the verb assign has alone. `times_s` holds the date by each vehicle's own
-    clock that the operator has received: a team's clocks may differ, and what one vehicle tells must not make the
-    command too old for another.
+    argument of the verb formation, `place` that of the verbs goto and look (None: cameras look at the target), `ring`
+    that of the verb ring, of the ring of number `ring_number` among the mission's, which the verb assign has alone.
+    `times_s` holds the date by each vehicle's own clock that the operator has received: a team's clocks may differ, and
+    what one vehicle tells must not make the command too old for another.
     """
 
     time_s: TimeS
@@ -325,6 +326,14 @@ class OperatorCommand(msgspec.Struct, frozen=True, array_like=True, tag="command
     def key(self) -> "CommandKey":
         """What identifies it."""
         return CommandKey(self.origin, self.verb, self.number)
+
+    @property
+    def argument(self) -> str:
+        """The shape, the values or the place that it has, as text; empty without one."""
+        given = self.ring or self.place
+        if given is not None:
+            return given.text
+        return TARGET if VERBS[self.verb].takes == "view" else self.shape or ""
 
     def sent_s(self, vehicle_id: int) -> float:
         """Return its date by the clock of a vehicle, by the team's where the operator has not received that."""

@@ -1,12 +1,17 @@
 """The peers on the ring about the target: their newest bearings and references, while they are engaged."""
 
 from collections.abc import Callable, Iterable
-from math import inf, sqrt
+from math import inf, sqrt, tau
 from zlib import crc32
 
 import msgspec
 
 from agents.team.messages import NeighbourAngle
+
+BESIDE_FOR_S = 0.2
+"""How long what is found among all engaged peers is valid: the period of their states."""
+_ALONG_M, _RADIUS_M = 3.0, 0.5
+"""How far vehicles may move past each other meanwhile, along the ring and across it."""
 
 
 class RingScale(msgspec.Struct, frozen=True):
@@ -33,6 +38,9 @@ class RingMembers:
         self._engaged: dict[int, NeighbourAngle] | None = None
         self._shares = FULL_RING
         self._references: int | None = None
+        self._ids: tuple[int, ...] = ()
+        self.revision = 0
+        """Another number once the engaged peers, or what they know of each other, have changed."""
         self.oldest_s = inf
         """A lower bound of the times of all places."""
 
@@ -45,17 +53,19 @@ class RingMembers:
         self.oldest_s = min(self.oldest_s, angle.time_s)
         if known is None or (known.reference_rad is None) != (angle.reference_rad is None):
             self._references = None
+        if known is None or known.references != angle.references:
+            self.revision += 1
         if self._engaged is None:
             return
         if known is None or angle.rate_share != known.rate_share or angle.radius_share != known.radius_share:
-            self._engaged = None
+            self.changed()
         elif angle.sender in self._engaged:
             self._engaged[angle.sender] = angle
 
     def forget(self, vehicle_id: int) -> None:
         """Drop a peer's place."""
         if self._angles.pop(vehicle_id, None) is not None:
-            self._engaged = None
+            self.changed()
 
     def expire(self, before_s: float) -> None:
         """Drop the places that are older than a time."""
@@ -66,26 +76,49 @@ class RingMembers:
     def changed(self) -> None:
         """Record that peers may have engaged or left."""
         self._engaged = None
+        self.revision += 1
 
     @property
     def angles(self) -> dict[int, NeighbourAngle]:
         """The newest places, engaged or not, by sender."""
         return dict(self._angles)
 
-    def bearings_rad(self, at_s: float) -> dict[int, float]:
-        """Return the bearings of all engaged peers at a time, extrapolated at their published rates - (25), (26)."""
-        return {angle.sender: _bearing_rad(angle, at_s) for angle in self._on_ring()}
+    @property
+    def ids(self) -> tuple[int, ...]:
+        """The engaged peers."""
+        self._on_ring()
+        return self._ids
 
-    def abreast(self, at_s: float, radius_m: float, within_m: float) -> list[tuple[float, float, float]]:
-        """Return the same with their rates, of the engaged peers whose radius differs by less than `within_m`.
+    def beside(self, bearing_rad: float, radius_m: float, at_s: float, within_m: float) -> tuple[int, ...]:
+        """Return the engaged peers that may be next to a place on either side within `BESIDE_FOR_S`.
+
+        They are those up to the next one whose radius differs by less than `within_m`, and those about as near as it.
+        """
+        ahead_rad = {each.sender: (_bearing_rad(each, at_s) - bearing_rad) % tau for each in self._on_ring()}
+        abreast_m = within_m - _RADIUS_M
+        next_rad = [ahead_rad[each.sender] for each in self._on_ring() if abs(each.radius_m - radius_m) < abreast_m]
+        if not next_rad:
+            return self._ids
+        about_rad = _ALONG_M / max(radius_m, within_m)
+        lead_rad, lag_rad = min([each or tau for each in next_rad]) + about_rad, max(next_rad) - about_rad
+        return tuple([sender for sender, each_rad in ahead_rad.items() if not lead_rad < each_rad < lag_rad])
+
+    def bearings_rad(self, at_s: float, of: Iterable[int]) -> list[float]:
+        """Return the bearings of engaged peers at a time, extrapolated at their published rates - (25), (26)."""
+        return [_bearing_rad(self._angles[each], at_s) for each in of]
+
+    def abreast(
+        self, at_s: float, radius_m: float, within_m: float, of: Iterable[int]
+    ) -> list[tuple[float, float, float]]:
+        """Return the same with their rates, of the peers whose radius differs by less than `within_m`.
 
         The third is by how much nearer than `within_m` around the target each may be, as an angle at the radius: their
         distance has a radial part.
         """
-        size_m = max(radius_m, within_m)
+        size_m, angles = max(radius_m, within_m), [self._angles[each] for each in of]
         return [
             (_bearing_rad(angle, at_s), angle.angular_rate_rad_s, (within_m - sqrt(within_m**2 - off_m**2)) / size_m)
-            for angle in self._on_ring()
+            for angle in angles
             if (off_m := abs(angle.radius_m - radius_m)) < within_m
         ]
 
@@ -119,6 +152,7 @@ class RingMembers:
         # Used several times a tick, and constant until a peer engages or leaves, or the ring changes its size.
         if self._engaged is None:
             self._engaged = {sender: angle for sender, angle in self._angles.items() if self._is_engaged(sender)}
+            self._ids = tuple(self._engaged)
             self._shares, self._references = FULL_RING, None
             for angle in self._engaged.values():
                 if angle.rate_share < self._shares.rate or angle.radius_share > self._shares.radius:

@@ -83,6 +83,7 @@ def task_goes_on(before: MemberState, state: MemberState) -> bool:
         and state.alert == before.alert
         and state.shaped_s == before.shaped_s
         and state.ring == before.ring
+        and state.goal == before.goal
         and _same_choice(before.choice, state.choice)
         and place_goes_on(before.angle, state.angle)
     )

@@ -10,7 +10,7 @@ from typing import Literal
 
 from agents.tactics import Event, Tactic
 
-CommandVerb = Literal["hold", "resume", "land", "rtl", "abort", "kill", "formation", "ring", "assign", "goto"]
+CommandVerb = Literal["hold", "resume", "land", "rtl", "abort", "kill", "formation", "ring", "assign", "goto", "look"]
 """The verbs of `cordon command`."""
 Verb = Literal["start", "rejoin", CommandVerb]
 Confirmation = Literal["none", "at once", "pilots", "all", "take-off", "word"]
@@ -31,8 +31,9 @@ class VerbRow:
     change. `done` is a second answer, after `did`, once the effect is confirmed. A verb that `needs_mission` depends on
     the mission file's content, which must be the team's. One that `is_dangerous` has to be granted by name. What a verb
     `takes` is its argument. One that takes a shape or a ring `is_for_team`; "assign" takes the name of a ring, or
-    `auto`, for single vehicles of a mission of several rings; "place" is for single vehicles, too. One that
-    `is_for_landed` commands a single vehicle whose flight has ended; the others command those that fly.
+    `auto`, for single vehicles of a mission of several rings; "place" is for single vehicles, too; "view" takes a place
+    or `target`, for one vehicle or all. One that `is_for_landed` commands a single vehicle whose flight has ended; the
+    others command those that fly.
     """
 
     name: Verb
@@ -48,7 +49,7 @@ class VerbRow:
     help: str = ""
     needs_mission: bool = False
     is_dangerous: bool = False
-    takes: Literal["", "shape", "ring", "assign", "place"] = ""
+    takes: Literal["", "shape", "ring", "assign", "place", "view"] = ""
     is_for_landed: bool = False
 
     @property
@@ -78,6 +79,9 @@ AUTO = "auto"
 _ASSIGNS = "send a vehicle to one of several rings, or let it choose (auto)"
 _JOINS, _TAKES_OFF = "take off and rejoin the mission with", "take off again and join the others"
 _GOES = "send a vehicle to a place, where it holds, or lands (land)"
+TARGET = "target"
+"""Stands for the target where a camera looks."""
+_LOOKS = "point the cameras at a place, or at the target again (target)"
 _CUT, _FALL = "cut the motors of", "cut the motors; the vehicles fall"
 _ROWS = (
     VerbRow("start", "start", did="takes off", needs_mission=True),
@@ -106,6 +110,7 @@ _ROWS = (
     VerbRow("ring", "change ring", button=6, help=_RESIZES, needs_mission=True, takes="ring"),
     VerbRow("assign", "assign ring", button=7, help=_ASSIGNS, needs_mission=True, takes="assign"),
     VerbRow("goto", "go to a place", help=_GOES, needs_mission=True, takes="place"),
+    VerbRow("look", "look at a place", help=_LOOKS, needs_mission=True, takes="view"),
 )
 VERBS: Mapping[Verb, VerbRow] = {row.name: row for row in _ROWS}
 """The verbs by their names, in the order of lists."""

@@ -47,11 +47,7 @@ def main() -> None:
     try:
         command, bound, _ = app.parse_args(tokens, exit_on_error=False, print_error=False)
     except CycloptsError as error:
-        from gcs.console.terminal import STDERR
-
-        STDERR.print(CycloptsPanel(error))
-        print("next:", *("cordon", *(error.command_chain or ()), "--help"), file=sys.stderr)
-        sys.exit(Exit.BAD_INPUT)
+        sys.exit(_bad_usage(error, tokens))
     try:
         sys.exit(command(*bound.args, **bound.kwargs))
     except InputError as error:
@@ -76,6 +72,17 @@ def _ignore_unusable_sizes() -> None:
         size = os.environ.get(name, "")
         if not (size.isascii() and size.isdecimal() and 0 < int(size[:9]) <= _COLUMNS_MAX):
             os.environ.pop(name, None)
+
+
+def _bad_usage(error: CycloptsError, tokens: Sequence[str]) -> Exit:
+    """Print what is wrong with the arguments; `cordon command` has verbs, some others are commands of their own."""
+    if tokens[:1] == ["command"] and len(tokens) > 1 and tokens[1] in VERBS:
+        return _bad_input([f"command: {tokens[1]} is a command of its own; next: cordon {tokens[1]} --help"])
+    from gcs.console.terminal import STDERR
+
+    STDERR.print(CycloptsPanel(error))
+    print("next:", *("cordon", *(error.command_chain or ()), "--help"), file=sys.stderr)
+    return Exit.BAD_INPUT
 
 
 def _bad_input(faults: Sequence[str]) -> Exit:

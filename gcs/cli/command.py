@@ -42,7 +42,7 @@ def command(
         Parameter(
             help="formation: the shape; ring: the values to change, with several rings after its name; "
             "assign: the vehicle, and its ring's name or auto; goto: the vehicle, x=METRES y=METRES, and land to land "
-            "there."
+            "there; look: x=METRES y=METRES, or target."
         ),
     ],
     options: CommandOptions = _DEFAULTS,
@@ -130,6 +130,8 @@ def _show(
         result = "no answer" if ended is None else f"no answer: its flight has ended ({ended})"
         if answer is not None:
             result = f"{answer.did} (answered after {answer.after_s * 1000:.0f} ms)"
+        elif VERBS[verb].is_for_landed:
+            result += f"; if a process of its own flew it, start that again: cordon fly MISSION --only {vehicle_id}"
         print_line(f"vehicle {vehicle_id}: {verb}: {result}")
     STDERR.print(
         f"joining the team's bus took {operator.joined_after_s * 1000:.0f} ms, before the command was sent",

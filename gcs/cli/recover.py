@@ -7,6 +7,7 @@ from cyclopts import Parameter
 
 from gcs.cli.options import (
     Changes,
+    Json,
     Leave,
     Log,
     MissionName,
@@ -42,6 +43,7 @@ class RecoveryOptions:
     speed: Speed = None
     log: Log = None
     recorded: Recorded = True
+    json: Json = False
 
 
 def recover(options: RecoveryOptions) -> int:
@@ -62,25 +64,32 @@ def recover(options: RecoveryOptions) -> int:
 
     hold_back()
     require_answer(yes=options.yes)
-    return _recover(options) if is_supervised() else supervise()
+    return _recover(options) if is_supervised() else supervise(json=options.json)
 
 
 def _recover(options: RecoveryOptions) -> Exit:
+    from gcs.cli.output import print_result
+    from gcs.console.terminal import print_line
     from gcs.flight.recording import RecordingOptions
     from gcs.flight.run import run_flight
+    from gcs.metrics.ending import TeamEnding
 
     plan = _plan(options)
 
     def judge(record: "FlightRecord") -> Exit:
-        from gcs.console.terminal import print_line
-        from gcs.metrics.ending import TeamEnding
-
         ended = TeamEnding.of(record.endings)
         if ended is not None and not ended.is_early:
             print_line(ended.headline, "bold green")
         return Exit.HOLDS  # no ring and no formation were flown: who has not come home is reported by vehicle
 
-    return run_flight(plan, RecordingOptions(options.log, options.recorded), judge)
+    code = run_flight(plan, RecordingOptions(options.log, options.recorded), judge)
+    assert plan.recovery is not None
+    result = plan.recovery.record.result(plan.mission)
+    for line in result.lines:
+        print_line(line)
+    if options.json:
+        print_result(result.to_json())
+    return code
 
 
 def _plan(options: RecoveryOptions) -> "FlightPlan":

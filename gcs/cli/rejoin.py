@@ -25,7 +25,8 @@ def rejoin(options: RejoinOptions) -> Exit:
     """Let a vehicle that has landed take off again and join the others, while their `cordon fly` still flies.
 
     For a swapped battery or a mended fault, also after its autopilot has restarted. The vehicle is checked as before a
-    flight. Then it takes off where it stands, and returns to its slot or to a ring.
+    flight. Then it takes off where it stands, and returns to its slot or to a ring. One in reserve (`reserve = true` in
+    the mission) takes off for the first time. A vehicle that is not in the mission file cannot join.
 
     Example: cordon rejoin 2 --mission px4-trio
     """

@@ -101,6 +101,8 @@ def _report_flight(logs: Sequence[Path], options: ReportOptions) -> Exit:
         figure=options.figure,
         plants=plants,
     )
+    if weather := read[0].run.weather:
+        print_line(f"weather: {weather}")
     for plant in plants:
         print_line(f"plant of vehicle {plant.id}: {plant.text}", "yellow" if plant.differs else "dim")
         print_line(f"latency of vehicle {plant.id}: {plant.latency}", "dim")

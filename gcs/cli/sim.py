@@ -1,6 +1,5 @@
 """`cordon sim`: a mission in simulated time."""
 
-import gc
 from dataclasses import dataclass, field
 from datetime import datetime
 from pathlib import Path
@@ -27,6 +26,7 @@ from gcs.cli.options import (
     require_station,
 )
 from gcs.errors import Exit, InputError
+from gcs.garbage import collect_rarely
 from gcs.signals import hold_back, pending
 
 
@@ -115,7 +115,7 @@ def _sim(options: SimOptions) -> tuple[Exit, Path | None]:
             raise KeyboardInterrupt
         progress.update(time_s)
 
-    gc.freeze()  # modules stay until the end: a full collection would traverse them for 60 ms, within a tick
+    collect_rarely()
     with SimulationProgress(mission.mission.name, flown_s) as progress:
         record = fly_simulated(mission, seed, flown_s, update, recording, None if planner is None else planner.factory)
     timed = options.seed is None if options.timing is None else options.timing

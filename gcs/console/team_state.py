@@ -244,8 +244,8 @@ class TeamState:
         ring = ring_text(command.ring_number, self.rings)
         if command.verb == "assign" and self.rings:
             ring = ring or AUTO
-        if command.place is not None:
-            return f"{command.verb} {command.place.text}"
+        if VERBS[command.verb].takes in ("place", "view"):
+            return f"{command.verb} {command.argument}"
         return f"{command.verb} {ring}" if ring else command.verb
 
     def _row(self, vehicle_id: int, now_s: float, places_m: Mapping[int, Place], *, is_over: bool) -> TeamRow:

@@ -7,9 +7,12 @@ from math import isfinite, nan
 
 from agents.settings.shapes import SHAPES, Shape
 from agents.team.messages import Goal, OperatorCommand, RingValues
-from agents.team.verbs import AUTO, VERBS, Verb
+from agents.team.verbs import AUTO, TARGET, VERBS, Verb
+from estimation.vectors import Pair
 from gcs.errors import InputError
 from gcs.mission.mission import Mission
+
+_FAR_M = 1e5
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,7 +44,7 @@ class GivenCommand:
 def given_command(mission: Mission, verb: Verb, arguments: Sequence[str], vehicle: int | None) -> GivenCommand:
     """Return the arguments of a verb and the vehicle of `--vehicle`; raises InputError."""
     takes = VERBS[verb].takes
-    if takes and vehicle is not None:
+    if takes not in ("", "view") and vehicle is not None:
         whom = "names its vehicle itself" if takes in ("assign", "place") else "commands the whole team"
         raise InputError([f"--vehicle: {verb} {whom}: leave this option out (given: {vehicle})"])
     match takes:
@@ -54,6 +57,8 @@ def given_command(mission: Mission, verb: Verb, arguments: Sequence[str], vehicl
             return _assignment(mission, arguments)
         case "place":
             return _journey(mission, arguments)
+        case "view":
+            return GivenCommand(_looked_at(mission, arguments, vehicle), vehicle=vehicle)
     if arguments:
         raise InputError([f"{' '.join(arguments)}: {verb} has no argument"])
     return GivenCommand(vehicle=vehicle)
@@ -116,17 +121,39 @@ def _assignment(mission: Mission, given: Sequence[str]) -> GivenCommand:
 
 def _journey(mission: Mission, given: Sequence[str]) -> GivenCommand:
     form = f"goto VEHICLE x=METRES y=METRES, and land to land there, as in goto {mission.ids[0]} x=30 y=-5"
-    words = dict(each.partition("=")[::2] for each in given[1:])
-    try:
-        vehicle, lands = int(given[0]), words.pop("land", None) == ""
-        x_m, y_m = float(words.pop("x")), float(words.pop("y"))
-    except (IndexError, KeyError, ValueError):
-        x_m = y_m = nan
-    if not (isfinite(x_m) and isfinite(y_m) and abs(x_m) <= 1e5 and abs(y_m) <= 1e5) or words:
+    place, lands = _place([each for each in given[1:] if each != "land"]), "land" in given
+    if place is None or not given[0].isdecimal():
         raise InputError([f"goto: give {form} (given: {' '.join(given) or 'nothing'})"])
+    vehicle = int(given[0])
     if vehicle not in mission.ids:
         raise InputError([f"goto: the mission has no vehicle {vehicle} (it has {', '.join(map(str, mission.ids))})"])
-    return GivenCommand(Goal(x_m, y_m, lands), vehicle=vehicle)
+    return GivenCommand(Goal(*place, lands), vehicle=vehicle)
+
+
+def _looked_at(mission: Mission, given: Sequence[str], vehicle: int | None) -> Goal | None:
+    """Return the place of the verb look, None for the target; raises InputError, also if no gimbal is there."""
+    with_gimbal = [each.id for each in mission.vehicles if each.section.gimbal is not None]
+    if not with_gimbal or vehicle not in (None, *with_gimbal):
+        whose = mission.mission.name if vehicle is None else f"vehicle {vehicle}"
+        have = f"vehicles with one: {', '.join(map(str, with_gimbal))}" if with_gimbal else "no vehicle has one"
+        raise InputError([f"look: {whose} has no gimbal ({have}; gimbal = true in [[vehicles]])"])
+    if tuple(given) == (TARGET,):
+        return None
+    if (place := _place(given)) is None:
+        form = f"x=METRES y=METRES, as in look x=30 y=-5, or {TARGET}"
+        raise InputError([f"look: give {form} (given: {' '.join(given) or 'nothing'})"])
+    return Goal(*place)
+
+
+def _place(given: Sequence[str]) -> Pair | None:
+    """Return the place that is given by its x and y, None if it is anything else."""
+    words = dict(each.partition("=")[::2] for each in given)
+    try:
+        x_m, y_m = float(words["x"]), float(words["y"])
+    except (KeyError, ValueError):
+        return None
+    is_place = len(given) == 2 and all(isfinite(each) and abs(each) <= _FAR_M for each in (x_m, y_m))
+    return (x_m, y_m) if is_place else None
 
 
 def _ring_values(given: Sequence[str], *, is_only: bool) -> RingValues:

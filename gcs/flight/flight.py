@@ -34,7 +34,7 @@ from gcs.flight.preparation import ChecklistWait, Readiness, StartWait
 from gcs.flight.recovery import LEFT_TO_PILOT, prepare_recovery
 from gcs.flight.stubs import FlightStubs, clock_refusal, preparing_speed, url_ports
 from gcs.flight.target_vehicle import TargetVehicle
-from gcs.flight.team import FlightTeam, Member
+from gcs.flight.team import FlightTeam, Member, ending_of
 from gcs.flight.watch import FindingsReport, Watch
 from gcs.flightlog.flight import Recording
 from gcs.keys.identity import Identity, user_name
@@ -290,7 +290,12 @@ async def _fly(
                 beside = [watch.run(), exchange.run(), injector.run(team, stubs), _report_positions(team, supervisor)]
                 if program is not None:
                     beside.append(program.report(team))
+                if recovery is not None:
+                    beside.append(recovery.record.follow(team))
                 outcomes = await _fly_members(team, report, watch, exchange, beside)
+        if recovery is not None:
+            frame = plan.mission.mission_frame()
+            recovery.record.end(team, [ending_of(i, outcome, frame) for i, outcome in outcomes.items()])
         supervisor.report_unaccounted([i for i, outcome in outcomes.items() if outcome.unaccounted is not None])
         wall_time_s, mission_time_s = perf_counter() - began_s, clock.now_s() - began_mission_s
     record = team.record(stubs.record, wall_time_s, outcomes)

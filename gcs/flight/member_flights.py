@@ -52,11 +52,12 @@ class MemberFlights:
         """Fly, and return the outcomes of the members, in their order."""
         for each in self._reserves.waiting:
             each.agent.stand_by(self._team.plan.duration_s)
-        reserves = asyncio.create_task(self._reserves.run())
+        beside = [asyncio.create_task(each) for each in (self._reserves.run(), self._team.find_absent())]
         try:
             return await asyncio.gather(*map(self._fly, self._team.members))
         finally:
-            reserves.cancel()
+            for task in beside:
+                task.cancel()
 
     async def _fly(self, member: Member) -> Outcome:
         team, agent = self._team, member.agent

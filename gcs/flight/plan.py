@@ -1,7 +1,7 @@
 """The plan of a flight over MAVLink and Zenoh."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from datetime import date
 from time import time
 
@@ -10,6 +10,7 @@ from gcs.checklist import Checklist
 from gcs.flight.equipment import Equipment
 from gcs.flight.faults.schedule import ScheduledFault
 from gcs.flight.log_process import LogProcess
+from gcs.flight.recovery_record import RecoveryRecord
 from gcs.flightlog.records import Run
 from gcs.flightlog.run import run_of
 from gcs.keys.identity import user_name
@@ -29,12 +30,14 @@ class TeamRecovery:
     """How vehicles that are in the air are brought home, or with `flies_on` flown on with the mission.
 
     Those `from_pilot` are taken also if a pilot may fly them. Unless it is `confirmed` already, the operator is asked
-    on the terminal; until then vehicles are sent nothing but requests for reports.
+    on the terminal; until then vehicles are sent nothing but requests for reports. What is found and what becomes of it
+    is in `record`.
     """
 
     from_pilot: tuple[int, ...] = ()
     confirmed: bool = False
     flies_on: bool = False
+    record: RecoveryRecord = field(default_factory=RecoveryRecord)
 
 
 @dataclass(frozen=True, slots=True)

@@ -3,6 +3,7 @@
 import asyncio
 import time
 from collections.abc import Sequence
+from math import inf
 
 from agents.ports import VehicleRefusedError
 from gcs.checklist import Checklist
@@ -15,6 +16,12 @@ FIRST_REPORTS_S = 3.0
 """A ready vehicle reports everything within this time: home once a second, health twice [wall s]."""
 PERIOD_S = 1.0
 _TICKED_EVERY_S = 0.3
+REMINDED_EVERY_S = 30.0
+"""How often a wait for the checklist says what is open [wall s]."""
+_TICK_IT = (
+    "waiting for the checklist, nothing is armed: tick it on the operator's page (--station, or `cordon station`); "
+    "Ctrl-C ends the wait, and --checklist-done NAME says that it is done"
+)
 
 
 class Readiness:
@@ -75,7 +82,11 @@ class Readiness:
 
 
 class ChecklistWait:
-    """The wait until people have ticked the required items of the mission's checklist; `--wait 0` forbids it."""
+    """The wait until people have ticked the required items of the mission's checklist; `--wait 0` forbids it.
+
+    It has no other limit: people take their time. It says what is open when that changes, and every
+    `REMINDED_EVERY_S`. Nothing is armed while it lasts; Ctrl-C ends it.
+    """
 
     def __init__(self, team: FlightTeam, checklist: Checklist) -> None:
         self._team = team
@@ -86,16 +97,16 @@ class ChecklistWait:
 
         Raises InputError where they cannot be read, VehicleRefusedError for open items of a flight that does not wait.
         """
-        shown: list[str] = []
+        shown, shown_s = list[str](), -inf
         while open_items := await asyncio.to_thread(self._checklist.open):
             if self._team.plan.wait_s == 0.0:
                 texts = "; ".join(item.text for item in open_items)
                 step = "tick it on the operator's page, or use --checklist-done NAME"
                 raise VehicleRefusedError(f"the checklist is not done: {texts}", step)
             lines = [f"  [ ] {item.text}" for item in open_items]
-            if lines != shown:
-                shown, head = lines, "waiting for the checklist: tick it on the page, or use --checklist-done NAME"
-                self._team.view.print_line("\n".join([head, *lines]))
+            if lines != shown or time.monotonic() - shown_s >= REMINDED_EVERY_S:
+                shown, shown_s = lines, time.monotonic()
+                self._team.view.print_line("\n".join([_TICK_IT, *lines]))
             await asyncio.sleep(_TICKED_EVERY_S)
         ticks = await asyncio.to_thread(self._checklist.use)
         for number, (item, tick) in enumerate(zip(self._checklist.items, ticks, strict=True), start=1):

@@ -14,12 +14,12 @@ from gcs.flight.plan import TeamRecovery
 from gcs.flight.team import FlightTeam
 from gcs.flight.watch import FindingsReport
 from gcs.keys.team_keys import TeamKeys
-from gcs.link.calls import NotReceivedError
 from gcs.link.ports import STILL_FLIES
 from gcs.metrics.ending import named
 from gcs.mission.cross_checks import LAYER_LEAST_M
 from gcs.mission.mission import Mission
 from gcs.preflight.findings import Grade, VehicleFacts
+from gcs.preflight.link_facts import unreachable
 from gcs.preflight.mission import feasibility
 from gcs.preflight.recovery import Standing, Treatment, standings
 
@@ -64,17 +64,17 @@ async def prepare_recovery(team: FlightTeam, recovery: TeamRecovery, report: Fin
     """
     mission = team.plan.mission
     await _require_no_flight(mission, team.keys)
-    unreachable = await team.connect_some()
+    refused = await team.connect_some()
     if team.plan.speed is None and not team.plan.is_governed:
         await team.measure_speed()
     facts = [
         *await team.facts(_REPORTS_S),
-        *(VehicleFacts(vehicle_id=i, unreachable=(each.clause, each.next_step)) for i, each in unreachable.items()),
+        *(unreachable(i, each, each.clause) for i, each in refused.items()),
     ]
-    missing = [i for i, each in unreachable.items() if isinstance(each, NotReceivedError)]
     if recovery.flies_on:
         _require_feasible(mission, report)
-    judged = standings(mission, facts, missing, recovery.from_pilot)
+    judged = standings(mission, facts, recovery.from_pilot)
+    recovery.record.judge(judged, facts)
     report([each.finding for each in judged])
     _require_takeable(judged)
     if not (recovery.confirmed or await _confirmed(team.view, _question(mission, judged, recovery))):
@@ -132,7 +132,7 @@ def _as_they_are_now(
         if each.vehicle_id in links and (motion := links[each.vehicle_id].motion) is not None
     ]
     agreed = {each.vehicle_id: each.treatment for each in judged}
-    now = standings(team.plan.mission, newest, (), recovery.from_pilot)
+    now = standings(team.plan.mission, newest, recovery.from_pilot)
     _require_takeable(now)
     changed = {each.vehicle_id: each.treatment for each in now if agreed[each.vehicle_id] is Treatment.TAKE}
     return {i: changed.get(i, each) for i, each in agreed.items() if i in links}

@@ -75,7 +75,7 @@ class Reserves:
         self._send_home()
         self._waiting = [each for each in self._waiting if each.agent.in_reserve]
         self._relief = {i: each for i, each in self._relief.items() if each not in self._waiting or _is_called(each)}
-        free = [each for each in self._waiting if not _is_called(each)]
+        free = [each for each in self._waiting if not _is_called(each) and each.vehicle.id not in self._team.absent]
         if not free or now_s < self._call_next_s:
             return
         for member in self._team.members:

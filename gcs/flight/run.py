@@ -1,7 +1,6 @@
 """A flight as a command: open the log, fly the plan under supervision, judge and report the result."""
 
 import asyncio
-import gc
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
@@ -23,6 +22,7 @@ from gcs.flight.log_process import LogProcess
 from gcs.flight.plan import FlightPlan
 from gcs.flight.recording import RecordingOptions, flight_log, report_log
 from gcs.flight.team import ending_of
+from gcs.garbage import collect_rarely
 from gcs.metrics.ending import HEADLINES
 from gcs.metrics.record import FlightRecord
 from gcs.mission.mission import Mission
@@ -30,8 +30,6 @@ from gcs.preflight.findings import Finding, Grade
 from gcs.preflight.preflight import RECOVERY_HEADLINES, findings_view
 
 _SPEED_REACHED_SHARE = 0.97
-FULL_COLLECTION_NEVER = 1_000_000
-"""Middle-generation collections before a full one: weeks."""
 
 
 def run_flight(plan: FlightPlan, recording: RecordingOptions, judge: Callable[[FlightRecord], Exit]) -> Exit:
@@ -66,17 +64,8 @@ def flown(
         LiveView(STDERR, plan.mission.safety.separation_m) as view,
     ):
         report = partial(_report_findings, plan.mission) if plan.recovery is None else _reporting(plan.mission)
-        _forgo_full_collections()
+        collect_rarely(full=False)
         return asyncio.run(fly(replace(plan, log=log), view, report, supervisor, program)), log
-
-
-def _forgo_full_collections() -> None:
-    """Collect young garbage only: a full collection takes 0.1 s with 32 vehicles and delays every tick.
-
-    Old cyclic garbage stays until the end of the flight: a few kilobytes a minute.
-    """
-    gc.freeze()
-    gc.set_threshold(*gc.get_threshold()[:2], FULL_COLLECTION_NEVER)
 
 
 def _report_supervisor_lost() -> None:

@@ -28,6 +28,7 @@ from gcs.flight.plan import FlightPlan
 from gcs.flightlog.flight import Recording
 from gcs.flightlog.records import RunEnd, VehicleEnd
 from gcs.keys.team_keys import TeamKeys
+from gcs.link.calls import NotReceivedError
 from gcs.link.config import LinkConfig, link_paces
 from gcs.link.ground_truth import extrapolated_m
 from gcs.link.hub import MavsdkHub
@@ -38,13 +39,15 @@ from gcs.metrics.record import FlightRecord
 from gcs.mission.mission import MissionVehicle
 from gcs.preflight.computer import ComputerFacts, computer_facts
 from gcs.preflight.findings import VehicleFacts
-from gcs.preflight.link_facts import CheckedLink
+from gcs.preflight.link_facts import CheckedLink, unreachable
 from gcs.preflight.priority import RaisedPriority
 from sitl.server.server import StubRecord, TruthTrack
 
 Place = Callable[[float], tuple[float, float] | None]
 """Returns a horizontal position in the mission frame at a time of the mission clock; None if it is unknown."""
 DISARMED = "disarmed"
+_FIND_AGAIN_S = 1.0
+"""The pause before an absent reserve is looked for again [wall s]."""
 KEPT_S = 10.0
 """How long errors of the estimate are kept: no sighting is delayed by more [s of the mission clock]."""
 
@@ -102,8 +105,9 @@ class FlightTeam:
     """The members of this process and everything that they share in one flight.
 
     `stop` is the operator's request to end; `view` is the live view; `signing_keys` are those of the links,
-    by the vehicle's system id. `newest` is each vehicle's newest status, also during take-off and landing; `buses` and
-    `kinds` are the vehicles' buses and kinds by id. `priority` is entered for a flight on the wall's clock.
+    by the vehicle's system id. `absent` are reserves that have not been received yet, with the reason. `newest` is each
+    vehicle's newest status, also during take-off and landing; `buses` and `kinds` are the vehicles' buses and kinds by
+    id. `priority` is entered for a flight on the wall's clock.
     `accompanied` are members that their pilots fly, from the beginning.
     """
 
@@ -117,6 +121,7 @@ class FlightTeam:
     stop: Stop = field(default_factory=Stop)
     members: list[Member] = field(default_factory=list)
     buses: dict[int, PeerBus] = field(default_factory=dict)
+    absent: dict[int, VehicleRefusedError] = field(default_factory=dict)
     newest: dict[int, CoreStatus] = field(default_factory=dict)
     kinds: dict[int, str] = field(default_factory=dict)
     priority: RaisedPriority = field(default_factory=RaisedPriority)
@@ -133,7 +138,9 @@ class FlightTeam:
         return next((each for agent in self.agents if (each := agent.start_s) is not None), None)
 
     def begin_vehicle(self, facts: VehicleFacts) -> None:
-        """Record what is known of a vehicle before take-off, and its kind."""
+        """Record what is known of a vehicle before take-off, and its kind; nothing of one that is not received."""
+        if facts.unreachable is not None:
+            return
         self.recording.begin_vehicle(facts)
         self.kinds[facts.vehicle_id] = facts.kind.value
 
@@ -208,8 +215,34 @@ class FlightTeam:
             self.recording.cost(status.vehicle_id, status.time_s, tick_us)
 
     async def connect(self) -> None:
-        """Connect all links and buses; raises VehicleRefusedError with the reason of each that cannot be reached."""
-        _refuse(await self._connect())
+        """Connect all links and buses; a reserve may come later (`find_absent`).
+
+        Raises VehicleRefusedError with the reason of each of the others that cannot be reached.
+        """
+        refused = await self._connect()
+        for member, refusal in refused:
+            if member.vehicle.section.reserve and isinstance(refusal, NotReceivedError):
+                self.absent[member.vehicle.id] = refusal
+        _refuse([each for each in refused if each[0].vehicle.id not in self.absent])
+
+    async def find_absent(self) -> None:
+        """Connect each reserve that is absent once it is received, until all are there or this is cancelled."""
+        await asyncio.gather(*(self._find(each) for each in self.members if each.vehicle.id in self.absent))
+
+    async def _find(self, member: Member) -> None:
+        vehicle_id = member.vehicle.id
+        while vehicle_id in self.absent:
+            try:
+                await member.agent.connect_link()
+            except VehicleRefusedError as refusal:
+                if refusal.reason != self.absent[vehicle_id].reason:
+                    self.absent[vehicle_id] = refusal
+                    self.view.print_line(f"vehicle {vehicle_id}, in reserve: {refusal.reason}", "warning")
+                await asyncio.sleep(_FIND_AGAIN_S)
+            else:
+                member.link.follow_clock()
+                del self.absent[vehicle_id]
+                self.view.print_line(f"vehicle {vehicle_id}, in reserve, is received now")
 
     async def connect_some(self) -> dict[int, VehicleRefusedError]:
         """Connect the links and buses that can be; return why the others, which are members no more, cannot.
@@ -241,13 +274,16 @@ class FlightTeam:
     async def measure_speed(self) -> None:
         """Set the clock to the autopilots' speed: a simulator may run faster than the wall clock."""
         assert isinstance(self.clock, WallClock)
-        self.clock.set_speed(await self.members[0].link.measure_speed())
+        present = next(member for member in self.members if member.vehicle.id not in self.absent)
+        self.clock.set_speed(await present.link.measure_speed())
         for member in self.members:
             member.link.follow_clock()
 
     async def facts(self, settle_s: float) -> Sequence[VehicleFacts]:
         """Return what the vehicles on the ground report, once they are healthy or `settle_s` has passed."""
-        return await asyncio.gather(*(member.link.facts(member.vehicle.id, settle_s) for member in self.members))
+        present = [member for member in self.members if member.vehicle.id not in self.absent]
+        facts = await asyncio.gather(*(member.link.facts(member.vehicle.id, settle_s) for member in present))
+        return [*facts, *(unreachable(i, refusal, refusal.reason) for i, refusal in self.absent.items())]
 
     async def computer(self) -> ComputerFacts | None:
         """Measure whether this computer is prompt enough; None for a flight that is not on the wall's clock."""

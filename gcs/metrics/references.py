@@ -9,9 +9,9 @@ import msgspec
 import numpy as np
 from pydantic import Field
 
-from agents.ring.bent_ring import Bender, RingBend
+from agents.ring.bent_ring import RingBend, bend_of
 from agents.ring.commanded_ring import change_s
-from agents.ring.place import Gaps, even_places, weights_of
+from agents.ring.place import Gaps
 from agents.safety.routes import flown_zones
 from agents.settings.sections import EncirclementSettings, NoFlySection
 from agents.tactics import NO_TACTIC, Tactic
@@ -240,18 +240,19 @@ def ring_reference(mission: Mission, events: Iterable[FlightEvent] = ()) -> Desi
     heights = _heights_m(mission, ring), rise_m, radians(ring.tilt_bearing_deg)
     is_stacked = any(each.encirclement.has_heights for each in mission.rings)
     above_m = HEIGHT_SHARE * mission.safety.vertical_separation_m
-    bend = ring_bend(mission) if ring == mission.encirclement else None
-    ways = *heights, above_m, is_stacked, bend, mission.safety.no_fly
+    ways = *heights, above_m, is_stacked, ring_bend(mission, ring), mission.safety.no_fly
     return DesiredRing(ring.radius_m, ring.angular_rate_rad_s, mission.gaps, tuple(earlier), *ways)
 
 
-def ring_bend(mission: Mission) -> RingBend | None:
-    """Return how the mission's ring bends around no-fly zones; None without zones, or about a target that moves."""
-    zones = flown_zones(config := mission.agent_config(mission.vehicles[0]))
-    if not zones or not mission.target.has_planned_path or mission.target.speed_max_m_s:
+def ring_bend(mission: Mission, ring: EncirclementSettings) -> RingBend | None:
+    """Return how a ring about the mission's target bends around no-fly zones at its heights.
+
+    None without zones, or about a target that moves.
+    """
+    config = replace(mission.agent_config(mission.vehicles[0]), encirclement=ring)
+    if not flown_zones(config) or not mission.target.has_planned_path or mission.target.speed_max_m_s:
         return None
-    places = float(config.places) if config.rings else even_places(weights_of(config.slots, config.gaps))
-    return Bender(zones, config.encirclement, config.safety, places).bend(mission.target.start_m)
+    return bend_of(config, mission.target.start_m)
 
 
 def ring_references(mission: Mission, record: FlightRecord) -> tuple[DesiredRing, ...]:

@@ -330,7 +330,7 @@ def _located(
 
 
 def _within_reach(ring: EncirclementSettings) -> Iterator[KeyFault]:
-    near_m, far_m, ring_m = ring.radius_min_m, ring.radius_far_m, ring.radius_m
+    near_m, far_m, ring_m = ring.radius_min_m, ring.far_m, ring.radius_m
     if near_m >= ring_m:
         yield KeyFault(
             "tuning.encirclement.radius_min_m", f"{near_m} m must be less than encirclement.radius_m = {ring_m} m"

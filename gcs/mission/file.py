@@ -12,6 +12,7 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any, NamedTuple
 
+from agents.settings.sections import EncirclementSettings
 from agents.team.messages import MissionIdentity
 from agents.team.text import printable
 from estimation.input_file import TEXT_MAX_LENGTH, read_plain, toml_content
@@ -56,17 +57,21 @@ def identified(mission: Mission) -> Mission:
     return replace(mission, identity=MissionIdentity(printable(mission.mission.name), _digest(mission)))
 
 
+def _ring(ring: EncirclementSettings) -> dict[str, object]:
+    return ring.model_dump(mode="json") | {"radius_far_m": ring.far_m}
+
+
 def _digest(mission: Mission) -> str:
     """Return 16 hexadecimal digits of the digest of sections, vehicles and profiles, without their file paths."""
     sections = {name: getattr(mission, name).model_dump(mode="json") for name in _SECTIONS}
+    sections["encirclement"] = _ring(mission.encirclement)
     sections["safety"] = _used(sections["safety"], _LATER_OF_SAFETY)
     sections["target"] = _comparable(mission.target)
     if mission.targets:
         sections["targets"] = [_comparable(each) for each in mission.targets]
     if mission.rings:
         sections["rings"] = [
-            [each.name, each.target, each.places, each.encirclement.model_dump(mode="json"), each.shared]
-            for each in mission.rings
+            [each.name, each.target, each.places, _ring(each.encirclement), each.shared] for each in mission.rings
         ]
     vehicles = [
         _used(each.section.model_dump(mode="json", exclude=_OF_ONE_COMPUTER), _LATER_OF_VEHICLES)

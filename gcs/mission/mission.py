@@ -643,6 +643,7 @@ class Mission:
             choreography=self.choreography,
             home_m=vehicle.section.start_m,
             rally_m=() if self.excites else self.rally_m(vehicle),
+            starts_m=tuple(each.section.start_m for each in self.vehicles),
             layers_from_m=max(each.section.altitude_m for each in self.vehicles),
             altitude_lowest_m=min(each.section.altitude_m for each in self.vehicles),
             lowest_between_m=lowest_between_m([each.section for each in self.vehicles], self.safety),

@@ -106,7 +106,8 @@ class FenceArea:
 class VehicleFacts:
     """The reports of one vehicle on the ground; None for what it did not report.
 
-    `unreachable` and `lost` hold (reason, next step) of a vehicle that does not answer, and of one without a position.
+    `unreachable` and `lost` hold (reason, next step) of a vehicle that does not answer, and of one without a position;
+    of a `silent` one nothing is received.
     `failed_checks` are the status texts of its failed arming checks. Positions are in the mission frame [m], rates in
     the autopilot's time, whose rate relative to wall time is `clock_ratio`. `firmware` is a version, empty if it is not
     reported. Parameters, `estimator`, `fence_areas` and the rally points `rally_m` that could not be read are None.
@@ -118,6 +119,7 @@ class VehicleFacts:
 
     vehicle_id: int
     unreachable: tuple[str, str] | None = None
+    silent: bool = False
     autopilot: Autopilot = UNKNOWN
     firmware: str = ""
     multicopter: bool = False

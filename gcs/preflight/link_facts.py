@@ -29,7 +29,7 @@ from agents.safety.failsafe import SILENCES_PER_HOUR_MAX
 from agents.shell.clock import MissionClock, WallClock, link_s
 from estimation.frames import Geodetic, MissionFrame
 from gcs.autopilots.autopilot import Autopilot
-from gcs.link.calls import AUTOPILOT_COMPONENT, NotReadyError, VehicleCalls, command_long, find_origin
+from gcs.link.calls import AUTOPILOT_COMPONENT, NotReadyError, NotReceivedError, VehicleCalls, command_long, find_origin
 from gcs.link.config import link_paces
 from gcs.link.feed import VehicleFeed
 from gcs.link.gimbal import FOUND_WITHIN_S, NO_GIMBAL_FACTS, CameraGimbal
@@ -328,6 +328,12 @@ class CheckedLink(MavsdkLink):
             self._connected().feed.locate(await self._origin(0.0))
 
 
+def unreachable(vehicle_id: int, refusal: VehicleRefusedError, reason: str) -> VehicleFacts:
+    """Return what is known of a vehicle whose link could not be connected, and for what reason."""
+    silent = isinstance(refusal, NotReceivedError)
+    return VehicleFacts(vehicle_id=vehicle_id, unreachable=(reason, refusal.next_step), silent=silent)
+
+
 async def _facts(
     connection: _Connection,
     mission: Mission,
@@ -341,7 +347,7 @@ async def _facts(
     except VehicleRefusedError as refusal:
         await connection.measured()
         await connection.streaming.over()
-        return VehicleFacts(vehicle_id=vehicle.id, unreachable=(refusal.reason, refusal.next_step))
+        return unreachable(vehicle.id, refusal, refusal.reason)
     clock = WallClock()
     gimbal = vehicle.section.gimbal
     view_rad = None if gimbal is None else radians(gimbal.view_deg)

@@ -121,6 +121,10 @@ def _of_vehicle(
 ) -> Iterator[Finding]:
     if facts.unreachable is not None:
         found, step = facts.unreachable
+        if facts.silent and vehicle.section.reserve:
+            why, step = "it cannot take over yet", "switch it on whenever it is ready: the flight looks for it"
+            yield Finding(Grade.WARNING, facts.vehicle_id, "link", f"in reserve, and not received: {found}", why, step)
+            return
         why = "commands would not arrive, or would reach another vehicle"
         yield Finding(Grade.REFUSE, facts.vehicle_id, "link", found, why, step)
         return

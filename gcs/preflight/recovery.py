@@ -38,22 +38,17 @@ class Standing:
     finding: Finding
 
 
-def standings(
-    mission: Mission, team: Sequence[VehicleFacts], missing: Collection[int], from_pilot: Collection[int]
-) -> tuple[Standing, ...]:
+def standings(mission: Mission, team: Sequence[VehicleFacts], from_pilot: Collection[int]) -> tuple[Standing, ...]:
     """Return what is done with each vehicle.
 
-    `missing` are those of which nothing is received, `from_pilot` those to be taken although a pilot may fly them.
+    Those `from_pilot` are to be taken although a pilot may fly them.
     """
-    return tuple(
-        _standing(facts, mission, missing=facts.vehicle_id in missing, taken=facts.vehicle_id in from_pilot)
-        for facts in team
-    )
+    return tuple(_standing(facts, mission, taken=facts.vehicle_id in from_pilot) for facts in team)
 
 
-def _standing(facts: VehicleFacts, mission: Mission, *, missing: bool, taken: bool) -> Standing:
+def _standing(facts: VehicleFacts, mission: Mission, *, taken: bool) -> Standing:
     if facts.unreachable is not None:
-        return _not_received(facts.vehicle_id, *facts.unreachable, missing=missing)
+        return _not_received(facts.vehicle_id, *facts.unreachable, silent=facts.silent)
     if not facts.status.armed:
         return _on_ground(facts, mission)
     refusal = next(_refusals(facts, mission), None)
@@ -65,8 +60,8 @@ def _refused(vehicle_id: int, check: str, found: str, why: str, step: str) -> St
     return Standing(vehicle_id, Treatment.LEAVE, Finding(Grade.REFUSE, vehicle_id, check, found, why, step))
 
 
-def _not_received(vehicle_id: int, found: str, step: str, *, missing: bool) -> Standing:
-    if not missing:
+def _not_received(vehicle_id: int, found: str, step: str, *, silent: bool) -> Standing:
+    if not silent:
         return _refused(vehicle_id, "link", found, "commands would reach another vehicle, or none", step)
     why = "it may be in the air: nothing is sent to it, and the others do not know where it is"
     step = "look for it, and take it by remote control; once it is received, run this again"

@@ -77,7 +77,7 @@ class Commands:
         sights = not self._reports.refusal
         if self._client is None or self._identity is None:
             return OperatorRights(read_only=self._read_only, sights=sights)
-        may = tuple(verb for verb in self._identity.may if VERBS[verb].button or verb == "goto")
+        may = tuple(verb for verb in self._identity.may if VERBS[verb].button or VERBS[verb].takes in ("place", "view"))
         return OperatorRights(self._identity.participant.name, may, sights=sights)
 
     @property

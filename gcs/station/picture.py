@@ -34,7 +34,7 @@ class _Picture(msgspec.Struct, frozen=True, tag_field="kind", omit_defaults=Fals
 class PlannedVehicle(msgspec.Struct, frozen=True):
     """A vehicle of the mission: `colour` is #rrggbb, `fence_m` its geofence (a polygon, empty without one).
 
-    `camera_url` is the address of its camera's stream, empty without one.
+    `camera_url` is the address of its camera's stream, empty without one; with a gimbal the camera can be pointed.
     """
 
     vehicle_id: int
@@ -43,6 +43,7 @@ class PlannedVehicle(msgspec.Struct, frozen=True):
     altitude_m: float
     fence_m: tuple[Pair, ...] = ()
     camera_url: str = ""
+    has_gimbal: bool = False
 
 
 class OperatorRights(msgspec.Struct, frozen=True):
@@ -256,7 +257,8 @@ class CommandRequest(msgspec.Struct, frozen=True, tag_field="kind", tag="command
 
     `confirmation` is the word typed for a kill, `overrides_pilot` whether a vehicle may be taken back
     from its pilot, `ring` what the verb ring takes. With several rings `ring_number` is the one that it changes, or
-    that the verb assign sends vehicles to, None to let them choose. `place` is what the verb goto takes.
+    that the verb assign sends vehicles to, None to let them choose. `place` is what the verb goto takes, and
+    the verb look, None for the target.
     """
 
     request: str
@@ -390,4 +392,5 @@ def _planned(mission: Mission, row: int, vehicle: MissionVehicle) -> PlannedVehi
         section.altitude_m,
         tuple(section.limits(mission.safety).fence_m or ()),
         section.camera_url or "",
+        section.gimbal is not None,
     )

@@ -1,6 +1,5 @@
 """Workers that fly the runs of a sweep, behind one interface; on this computer they are processes."""
 
-import gc
 import os
 import signal
 import sys
@@ -20,6 +19,7 @@ from agents.control.plan import PlannerFactory
 from gcs.errors import InputError
 from gcs.flight.simulated import fly_simulated
 from gcs.flightlog.run import versions
+from gcs.garbage import collect_rarely
 from gcs.metrics.metrics import evaluated
 from gcs.mission.file import parse_mission
 from gcs.mission.mission import Mission
@@ -227,7 +227,7 @@ def _begin(parent: Connection) -> None:
     """Prepare a worker: it ignores Ctrl-C, and ends with its parent."""
     signal.pthread_sigmask(signal.SIG_BLOCK, ENDING)
     Thread(target=_end_with, args=(parent,), daemon=True).start()
-    gc.freeze()  # modules live until the end: collections need not traverse them
+    collect_rarely()
 
 
 def _end_with(parent: Connection) -> None:

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from agents.command_handler import COMMANDS_KEPT, IN_FLIGHT, Circumstances, CommandHandler, Reshaping
+from agents.command_handler import COMMANDS_KEPT, IN_FLIGHT, UNCHANGED, Circumstances, CommandHandler, Reshaping
 from agents.core import VehicleCore
 from agents.inputs import Command, Message, TimeScale
 from agents.notes import Notes
@@ -22,6 +22,7 @@ from agents.team.messages import (
     RINGS_MAX,
     CommandAnswer,
     CommandedRing,
+    Goal,
     MemberState,
     OperatorCommand,
     RingValues,
@@ -48,7 +49,7 @@ class Vehicle:
         """Take a command, of a new number unless that is given, and return its answer."""
         self._number += number is None
         command = OperatorCommand(self.now_s, verb, vehicle, "pat@here", self._number if number is None else number)
-        self._apply(self.commands.take(command, self.tactic, self.now_s))
+        self._apply(self.commands.take(command, self.tactic, self.now_s).event)
         answers = self.commands.answers(self.now_s)
         assert len(answers) <= 1
         self.outcome = answers[0].outcome if answers else None
@@ -115,7 +116,7 @@ def reshaping(shape: Shape | None, told_s: float = 1.0, number: int = 7) -> Oper
 )
 def test_a_change_of_formation_is_taken_or_refused(shape: Shape | None, tactic: Tactic, did: str) -> None:
     orders = Vehicle().commands
-    assert orders.take(reshaping(shape), tactic, 1.0) is None
+    assert orders.take(reshaping(shape), tactic, 1.0) == UNCHANGED
     (answer,) = orders.answers(1.0)
     assert answer.did == did
     assert orders.reshaping == (Reshaping(1.0, "wedge") if answer.is_obeyed else None)
@@ -134,7 +135,7 @@ def answer_to(
     tactic: Tactic = Tactic.ENCIRCLE,
     circumstances: Circumstances = IN_FLIGHT,
 ) -> str:
-    assert commands.take(command, tactic, 1.0, circumstances) is None, "the tactic stays"
+    assert commands.take(command, tactic, 1.0, circumstances).event is None, "the tactic stays"
     (answer,) = commands.answers(1.0)
     assert answer.is_obeyed is not answer.did.startswith("refused: ")
     return answer.did
@@ -161,6 +162,22 @@ def test_each_ring_keeps_the_values_that_were_commanded_of_it() -> None:
     assert answer_to(only, changing(None)) == "changes to a ring of 15 m, -0.1 rad/s"
     assert "no ring of number 1" in answer_to(only, changing(1, 2.0, 8))
     assert only.commanded_rings == [wanted]
+
+
+def looking(place: Goal | None, told_s: float, number: int, vehicle: int | None = 2) -> OperatorCommand:
+    return OperatorCommand(told_s, "look", vehicle, "pat@here", number, place=place)
+
+
+def test_a_camera_looks_where_the_newest_command_says() -> None:
+    commands, there = CommandHandler(2, HOVER_S, ("line", "wedge"), Notes(), has_gimbal=True), Goal(30.0, -5.0)
+    assert answer_to(commands, looking(there, 5.0, 1), Tactic.LAND) == "looks at x 30.0 m, y -5.0 m"
+    assert "newer command" in answer_to(commands, looking(None, 4.0, 2)), "of another operator, received late"
+    assert "handed it over" in answer_to(commands, looking(None, 6.0, 3), Tactic.PILOT_OVERRIDE)
+    assert commands.looks_at == there
+    assert answer_to(commands, looking(None, 7.0, 4)) == "looks at the target"
+    assert commands.looks_at is None
+    assert answer_to(handler(), looking(there, 5.0, 1)) == "refused: it has no gimbal"
+    assert answer_to(handler(), looking(there, 5.0, 1, None)) == "has no gimbal to point", "the others have one"
 
 
 @pytest.mark.parametrize(
@@ -204,7 +221,7 @@ def test_what_assigns_nothing_is_refused_and_the_newest_assignment_applies() -> 
     assert "newer command" in answer_to(commands, assigning(0, 6.5, 8)), "the choice was given back later"
     assert commands.assigned is None
     assert "one ring" in answer_to(handler(), assigning(0))
-    assert commands.take(assigning(0, 9.0, 9, 3), Tactic.ENCIRCLE, 9.0) is None
+    assert commands.take(assigning(0, 9.0, 9, 3), Tactic.ENCIRCLE, 9.0) == UNCHANGED
     assert (commands.answers(9.0), commands.assigned) == ((), None), "it was for another vehicle"
 
 
@@ -311,7 +328,7 @@ def test_a_resume_that_a_failsafe_refuses_says_why_and_ends_no_abort() -> None:
     vehicle.told("abort")
     resume = OperatorCommand(0.0, "resume", None, "pat@here", 1000)
     refused = Circumstances(resume_refused="battery low: 20 %")
-    assert vehicle.commands.take(resume, vehicle.tactic, 0.0, refused) is None
+    assert vehicle.commands.take(resume, vehicle.tactic, 0.0, refused) == UNCHANGED
     assert vehicle.commands.answers(0.0)[0].did == "refused: battery low: 20 %"
     vehicle.tick(HOVER_S)
     assert vehicle.tactic is Tactic.LAND

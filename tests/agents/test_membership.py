@@ -77,7 +77,6 @@ def all_from_one_side(
     """Vehicles abreast, with plants up to 8 % off their models, which engage at once a target that is far away."""
     mission = content()
     mission["encirclement"] |= {"radius_m": ring_m, "angular_rate_rad_s": rate_rad_s}
-    mission["tuning"] = {"encirclement": {"radius_far_m": 60.0}}
     mission["decision"]["distance_max_m"] = mission["target"]["sensor"]["range_m"] = 200.0
     mission["target"] |= {"start_m": list(away_m), "velocity_m_s": [0.1, 0.05]}
     mission["network"] = {"delay_s": 0.05}

@@ -9,7 +9,7 @@ from agents.inputs import AutopilotStatus, Command, Killed, Message, TacticEvent
 from agents.ports import VehicleStatus
 from agents.settings.config import AgentConfig
 from agents.tactics import Event, Tactic
-from agents.team.messages import MemberState, OperatorCommand
+from agents.team.messages import Goal, MemberState, OperatorCommand
 from estimation.state import Telemetry
 
 FLYING = VehicleStatus(connected=True, armed=True, in_air=True)
@@ -81,6 +81,28 @@ def test_none_takes_off_while_the_team_returns(
     for sender, tactic in zip((1, 3), tactics, strict=True):
         core.take(state(sender, tactic))
     assert answer(core) == expected
+
+
+@pytest.mark.parametrize(
+    ("place_m", "goal_m", "expected"),
+    [
+        ((0.0, 2.0), None, "refused: vehicle 1 holds 2.0 m from its take-off place: send it elsewhere first"),
+        ((0.0, 9.0), (1.0, 0.0), "refused: vehicle 1 goes to a place 1.0 m from its take-off place"),
+        ((0.0, 2.0), (0.0, 9.0), "is checked"),
+        ((0.0, 9.0), None, "is checked"),
+    ],
+)
+def test_none_takes_off_where_another_vehicle_holds_or_goes_to(
+    make_config: Callable[..., AgentConfig],
+    place_m: tuple[float, float],
+    goal_m: tuple[float, float] | None,
+    expected: str,
+) -> None:
+    core = landed(VehicleCore(make_config(home_m=(0.0, 0.0), safety={"separation_m": 3.0})))
+    rest, goal = (0.0, 0.0), None if goal_m is None else Goal(*goal_m)
+    peer = MemberState(1, NOW_S - 0.1, Tactic.HOLD.value, place_m, rest, place_m, rest, goal=goal)
+    core.take(Message(NOW_S - 0.1, peer))
+    assert answer(core).startswith(expected)
 
 
 def test_nor_once_its_mission_is_over_nor_without_a_name(make_config: Callable[..., AgentConfig]) -> None:

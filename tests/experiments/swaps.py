@@ -7,7 +7,6 @@ Measured are the true motions. Exit code 1 if a draw comes nearer than the separ
 
 import asyncio
 import re
-import signal
 import sys
 from dataclasses import dataclass
 from math import isinf
@@ -21,8 +20,8 @@ from tests.conftest import own_team
 from tests.experiments.arguments import seeded_parser
 from tests.support.paths import MISSIONS
 from tests.support.served_team import team_of
-from tests.support.swaps import NEAR_TARGET, RingTruth, Tracks, commanded, in_offboard, swap
-from tests.support.wire import hurried, running, until
+from tests.support.swaps import NEAR_TARGET, RingTruth, Tracks, commanded, ended, in_offboard, swap
+from tests.support.wire import hurried, running
 
 AGAIN_S = 90.0
 """How long the flight goes on after the vehicle has taken off again [s of its clock]."""
@@ -72,13 +71,8 @@ async def drawn(seed: int, folder: Path) -> Draw:
         with hurried(team.clock):
             await team.clock.sleep(AGAIN_S)
         ends_s = team.clock.now_s()
-        for _ in range(2):
-            flight.send_signal(signal.SIGINT)
-            await team.clock.sleep(1.0)
-        with hurried(team.clock):
-            await until(lambda: not team.aloft, 200.0, "all landings", clock=team.clock)
+        await ended(team, flight)
         recording.cancel()
-        await flight.communicate()
         separation_m = team.mission.safety.separation_m
     even_s = RingTruth(team, log, tracks.samples).even_after_s(team.mission.ids, swapped.armed_s, ends_s)
     return Draw(seed, vehicle, after_s, verb, tracks.least_m(until_s=ends_s), separation_m, even_s)

@@ -1,12 +1,16 @@
 """The mission's checklist: who has ticked what, until a start uses it up."""
 
+import asyncio
 import time
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import pytest
 
 from gcs.checklist import VALID_S, Checklist
 from gcs.errors import InputError
+from gcs.flight import preparation
 from gcs.mission.file import MissionError, parse_mission
 from gcs.mission.mission import ChecklistItem
 from tests.support.mission_text import CASE2
@@ -19,6 +23,22 @@ ITEMS = tuple(ChecklistItem(text=text, required=text != FLAG) for text in (PROPE
 def runtime(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
     return tmp_path / "cordon"
+
+
+async def test_a_wait_says_again_and_again_what_is_open_until_it_is_ticked(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(preparation, "REMINDED_EVERY_S", 0.8)
+    said = list[str]()
+    plan, view = SimpleNamespace(wait_s=60.0), SimpleNamespace(print_line=said.append)
+    recording, clock = SimpleNamespace(note_run=lambda _entry: None), SimpleNamespace(now_s=lambda: 0.0)
+    team: Any = SimpleNamespace(plan=plan, view=view, recording=recording, clock=clock)
+    page = Checklist("red", ITEMS)
+    wait = asyncio.create_task(preparation.ChecklistWait(team, Checklist("red", ITEMS)).done())
+    await asyncio.sleep(2.0)
+    assert len(said) >= 2
+    assert all("nothing is armed" in each and f"[ ] {AREA}" in each and FLAG not in each for each in said)
+    page.tick_all("anna")
+    await asyncio.wait_for(wait, 5.0)
+    assert said[-1] == f"checklist: {FLAG}: anna"
 
 
 def test_ticks_are_shared_by_a_team_until_a_start_uses_them_up() -> None:

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from PIL import Image
 from playwright.sync_api import Locator, Page, expect
 
-from gcs.station.picture import AnswerPicture, OperatorRights, SightingRequest, ZonePicture
+from gcs.station.picture import AnswerPicture, CommandRequest, OperatorRights, SightingRequest, ZonePicture
 from tests.station.conftest import OpenPage
 from tests.station.test_accessibility import findings
 from tests.support.page.canned_station import CannedStation
@@ -194,6 +194,54 @@ def test_a_vehicle_is_sent_to_a_place(shown: Map, subtests: pytest.Subtests) -> 
         expect(item(page, "Hold there")).to_be_disabled()
         page.keyboard.press("h")
         until_now(lambda: [each.verb for each in shown.station.requests] == ["hold"])
+
+
+def test_the_keyboard_alone_points_cameras_at_a_place_and_back_at_the_target(shown: Map) -> None:
+    page = shown.page
+    page.locator("#crosshair").focus()
+    page.keyboard.press("Enter")
+    expect(item(page, "Hold there")).to_be_visible()
+    expect(item(page, "Look here")).to_have_count(0)  # no vehicle has a gimbal
+    page.keyboard.press("Escape")
+    with_gimbals = [replace(each, has_gimbal=each.vehicle_id != 2) for each in MISSION.vehicles]
+    shown.station.send(replace(MISSION, vehicles=tuple(with_gimbals)))
+    shown.station.await_pictures(page)
+    page.locator("#crosshair").focus()
+    page.keyboard.press("Enter")
+    x_m, y_m = numbers(page.locator("#map-menu-place").inner_text())[:2]
+    item(page, "Look here").press("Enter")
+    choice = page.get_by_label("Vehicle", exact=True)
+    expect(choice).to_be_focused()
+    expect(choice.locator("option")).to_have_text(["all cameras", "vehicle 1", "vehicle 3"])
+    assert findings(page) == []
+    confirm(page, "Look here")
+    request = sent(shown)
+    assert (request.verb, request.vehicles) == ("look", (1, 3))
+    assert request.place is not None
+    assert (request.place.x_m, request.place.y_m) == pytest.approx((x_m, y_m), abs=0.06)
+    expect(page.locator("#answers > li").first).to_contain_text("Look at x")
+    page.get_by_label("Select vehicle 3").check()
+    page.locator("#crosshair").focus()
+    page.keyboard.press("Enter")
+    item(page, "Look at the target again").press("Enter")
+    expect(choice).to_have_value("3")
+    confirm(page, "Look at the target again")
+    request = sent(shown)
+    assert (request.verb, request.vehicles, request.place) == ("look", (3,), None)
+
+
+def confirm(page: Page, action: str) -> None:
+    """Confirm the dialog from its choice of a vehicle, by the keyboard."""
+    for _ in range(2):
+        page.keyboard.press("Tab")
+    expect(page.get_by_role("button", name=action)).to_be_focused()
+    page.keyboard.press("Enter")
+
+
+def sent(shown: Map) -> CommandRequest:
+    """Return the command that the page has sent, and forget it."""
+    until_now(lambda: bool(shown.station.requests))
+    return shown.station.requests.pop()
 
 
 def test_two_clicks_measure_and_copy_nothing(shown: Map, subtests: pytest.Subtests) -> None:

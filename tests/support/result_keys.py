@@ -2,6 +2,7 @@
 
 from dataclasses import fields
 
+from gcs.flight.recovery_record import RecoveredVehicle, RecoveryResult
 from gcs.metrics.catalogue import VERDICTS
 from gcs.metrics.departures import Departure
 from gcs.metrics.ending import TeamEnding
@@ -58,6 +59,8 @@ OUTPUT_KEYS = {
     "worst[] of sweep plot": "reasons command",
     "start": "format mission started vehicles",
     "vehicles[] of start": "vehicle state reason clock_off_s answer",
+    "recover": " ".join(["format", *_keys(RecoveryResult)]),
+    "vehicles[] of recover": " ".join(_keys(RecoveredVehicle)),
     "drill": "format mission holds drills",
     "drills[] of drill": "fault expected limit_s measured_s holds detail",
     "excite --preview": "format mission vehicle profile box_m altitude_m speed_max_m_s preview",

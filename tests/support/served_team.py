@@ -5,7 +5,7 @@ from collections.abc import AsyncIterator, Mapping
 from contextlib import asynccontextmanager
 from dataclasses import replace
 from itertools import combinations
-from math import dist
+from math import dist, inf
 
 from gcs.flight.stubs import prepared_configs
 from gcs.mission.file import load_mission
@@ -25,13 +25,20 @@ UNLIKE = (
 """A change of case2: its vehicles' plants are off by up to 15 %."""
 
 
+HEIGHTS_OFF_M = 0.5
+"""How far two vehicles above each other may be off their layers, in sum."""
+
+
 class Team:
-    """The vehicles as they truly are, and the least distance of any two in the air while it is `watched`."""
+    """The vehicles as they truly are, and the least distance of any two in the air while it is `watched`.
+
+    `least_level_m` is the least horizontal distance of two that are not above each other by the vertical separation.
+    """
 
     def __init__(self, path: str, mission: Mission, stubs: Served) -> None:
         self.path, self.mission, self.stubs = path, mission, stubs
         self.clock: GovernedClock = stubs.clock
-        self.least_m = float("inf")
+        self.least_m = self.least_level_m = inf
 
     @property
     def vehicles(self) -> dict[int, StubAutopilot]:
@@ -49,9 +56,12 @@ class Team:
         return dist(self.place_m(i)[:2], self.mission.vehicle(i).section.start_m)
 
     async def _watch(self) -> None:
+        above_m = self.mission.safety.vertical_separation_m - HEIGHTS_OFF_M
         while True:
-            for one, other in combinations(sorted(self.aloft), 2):
-                self.least_m = min(self.least_m, dist(self.place_m(one), self.place_m(other)))
+            for one, other in combinations(map(self.place_m, sorted(self.aloft)), 2):
+                self.least_m = min(self.least_m, dist(one, other))
+                if abs(one[2] - other[2]) < above_m:
+                    self.least_level_m = min(self.least_level_m, dist(one[:2], other[:2]))
             await self.clock.sleep(0.1)
 
     @asynccontextmanager

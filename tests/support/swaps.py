@@ -4,6 +4,8 @@ Measured are the true motions, about the target's true path.
 """
 
 import asyncio
+import signal
+from asyncio.subprocess import Process
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from itertools import combinations, pairwise
@@ -14,7 +16,7 @@ from agents.inputs import Start
 from gcs.flightlog.reader import FlightLog, read_log
 from sitl.autopilot.modes import NavMode
 from tests.support.served_team import Team
-from tests.support.wire import PATIENCE_S, hurried, running, until
+from tests.support.wire import PATIENCE_S, at_speed, hurried, running, until
 
 NEAR_TARGET = (
     ("start_m = [35.0, -5.0]", "start_m = [22.0, 0.0]"),
@@ -122,11 +124,23 @@ async def told(team: Team, vehicle: int) -> tuple[int, str]:
 
 async def commanded(team: Team, *command: str) -> tuple[int, str]:
     """Send a command to a team; return the exit code and what was said."""
-    async with asyncio.timeout(PATIENCE_S), running(*command, "--mission", team.path) as process:
-        _, err = await process.communicate()
+    with at_speed(team.clock, 1.0):
+        async with asyncio.timeout(PATIENCE_S), running(*command, "--mission", team.path) as process:
+            _, err = await process.communicate()
     assert process.returncode is not None
     assert "Traceback" not in err.decode(), err.decode()
     return process.returncode, " ".join(err.decode().split())
+
+
+async def ended(team: Team, flight: Process, *, interrupts: int = 2) -> tuple[str, str]:
+    """End a flight as an operator does at once, after two interrupts in all; return its output once all are down."""
+    for _ in range(interrupts):
+        flight.send_signal(signal.SIGINT)
+        await team.clock.sleep(1.0)
+    with hurried(team.clock):
+        await until(lambda: not team.aloft, 200.0, "all landings", clock=team.clock)
+    out, err = await flight.communicate()
+    return out.decode(), err.decode()
 
 
 async def in_offboard(team: Team) -> None:

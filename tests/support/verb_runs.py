@@ -78,7 +78,7 @@ STUBS = VerbRun("sitl", "stubs.toml", ready="Ctrl-C", lasts=True)
 AFTER = VerbRun("log audit", "fly.mcap")
 BESIDE_STUBS = (
     VerbRun("check", "stubs.toml", keys=OUTPUT_KEYS["check"]),
-    VerbRun("recover", "stubs.toml --yes --no-log", (3,)),  # they are on the ground
+    VerbRun("recover", "stubs.toml --yes --no-log", (3,), OUTPUT_KEYS["recover"]),  # they are on the ground
     VerbRun("keys issue mavlink", "signed.toml"),
 )
 ALONE = (

@@ -6,7 +6,7 @@ import subprocess
 import sys
 import time
 from collections.abc import AsyncIterator, Awaitable, Callable, Collection, Iterator, Sequence
-from contextlib import asynccontextmanager, contextmanager, suppress
+from contextlib import AbstractContextManager, asynccontextmanager, contextmanager, suppress
 from dataclasses import dataclass
 from functools import partial
 from math import inf
@@ -108,14 +108,19 @@ async def served(configs: Sequence[StubConfig], speed: float) -> AsyncIterator[S
 
 
 @contextmanager
-def hurried(clock: GovernedClock) -> Iterator[None]:
-    """Let the time go on as fast as its participants do, while a test only waits for what it begins with."""
+def at_speed(clock: GovernedClock, speed: float) -> Iterator[None]:
+    """Limit the clock's speed: at 1 a flight leaves the processor to a program that a test starts."""
     before = clock.speed
-    clock.set_speed(inf)
+    clock.set_speed(speed)
     try:
         yield
     finally:
         clock.set_speed(before)
+
+
+def hurried(clock: GovernedClock) -> AbstractContextManager[None]:
+    """Let the time go on as fast as its participants do, while a test only waits for what it begins with."""
+    return at_speed(clock, inf)
 
 
 PATIENCE_S = 120.0

@@ -9,23 +9,22 @@ import os
 import shutil
 import signal
 import sys
+from asyncio.subprocess import Process
 from collections.abc import Callable, Mapping
 from math import dist
 from pathlib import Path
 
-import psutil
 import pytest
 
 from gcs.keys.authority_folder import AuthorityFolder
 from sitl.autopilot.modes import NavMode
+from tests.support.recoveries import HOME_M, in_mid_ring, kill_whole, recovered
 from tests.support.served_team import FAST, UNLIKE, Team, team_of
 from tests.support.terminals import take_terminal, terminal
-from tests.support.wire import PATIENCE_S, hurried, running, until
+from tests.support.wire import PATIENCE_S, at_speed, hurried, running, until
 
 pytestmark = pytest.mark.wire
 
-HOME_M = 1.5
-"""How far from its start a vehicle lands that returns there."""
 ON_RING = (
     *UNLIKE,
     ("start_m = [35.0, -5.0]", "start_m = [14.0, 0.0]"),
@@ -35,62 +34,36 @@ ON_RING = (
 """The same, with its target at hand, at which its vehicles engage at once; one is an ArduCopter."""
 
 
-async def kill_in_mid_ring(team: Team) -> None:
-    """Fly the mission, and kill supervisor and flying process while the vehicles encircle.
-
-    Until then a flight runs, and its vehicles are not taken from it.
-    """
-    async with running("fly", team.path, "--no-log") as flight:
-        flown = team.vehicles.values()
-        await until(lambda: any(each.armed for each in flown), waiting_for="a take-off")
-        with hurried(team.clock):
-            await until(
-                lambda: all(each.mode is NavMode.OFFBOARD for each in flown), 300.0, "offboard", clock=team.clock
-            )
-            await team.clock.sleep(45.0)
-        code, said = await recovered(team)
-        assert code == 3, said
-        assert "still runs" in said
-        assert "cordon command" in said
-        assert all(each.mode is NavMode.OFFBOARD for each in flown)
-        kill_whole(flight.pid)
+async def killed(team: Team, flight: Process) -> None:
+    """Kill the supervisor and the flying process, and wait for an autopilot's failsafe."""
+    kill_whole(flight.pid)
     await until(lambda: team.vehicles[1].mode is NavMode.HOLD, 30.0, "the autopilots' failsafe", clock=team.clock)
-
-
-def kill_whole(supervisor: int) -> None:
-    """Kill the supervisor of a flight, and at once its flying process."""
-    flying = [each for each in psutil.Process(supervisor).children() if "fly" in each.cmdline()]
-    assert len(flying) == 1
-    for process_id in (supervisor, flying[0].pid):
-        os.kill(process_id, signal.SIGKILL)
-
-
-async def recovered(team: Team, *options: str, path: str = "", log: str = "") -> tuple[int, str]:
-    """Recover the team; return the exit code and what was said."""
-    arguments = (path or team.path, "--yes", *(("--log", log) if log else ("--no-log",)), *options)
-    async with asyncio.timeout(PATIENCE_S), running("recover", *arguments) as process:
-        out, err = await process.communicate()
-    assert out == b""
-    assert process.returncode is not None
-    assert "Traceback" not in err.decode(), err.decode()
-    return process.returncode, err.decode()
 
 
 @pytest.mark.long
 async def test_a_team_whose_flight_was_killed_in_mid_ring_comes_home(mission_file: Callable[..., str]) -> None:
+    """Until its flight is killed, its vehicles are not taken from it."""
     async with team_of(mission_file("case2", *ON_RING)) as team:
-        await kill_in_mid_ring(team)
+        async with in_mid_ring(team) as flight:
+            with at_speed(team.clock, 1.0):
+                code, said, _ = await recovered(team)
+            assert code == 3, said
+            assert "still runs" in said
+            assert "cordon command" in said
+            assert all(each.mode is NavMode.OFFBOARD for each in team.vehicles.values())
+            await killed(team, flight)
         assert team.aloft == {1, 2, 3}
         assert min(map(team.off_start_m, (1, 2, 3))) > 2.0, "they are on the ring"
         began_s = team.clock.now_s()
         async with team.watched():
-            code, said = await recovered(team)
+            code, said, _ = await recovered(team)
         took_s = team.clock.now_s() - began_s
-        print(f"MEASURED ring: least distance {team.least_m:.2f} m, {took_s:.0f} s from the command to the end")
+        distances = f"least distance {team.least_m:.2f} m, at like heights {team.least_level_m:.2f} m"
+        print(f"MEASURED ring: {distances}, {took_s:.0f} s from the command to the end")
         assert code == 0, said
         assert not team.aloft
         assert max(map(team.off_start_m, (1, 2, 3))) < HOME_M
-        assert team.least_m >= team.mission.safety.separation_m
+        assert team.least_level_m >= team.mission.safety.separation_m
 
 
 async def take_off(team: Team, heights_m: Mapping[int, float]) -> None:
@@ -120,9 +93,11 @@ async def test_a_pilot_keeps_his_vehicle_and_one_that_fell_is_reported(
         await take_off(team, {1: 15.5, 3: 8.0})
         team.vehicles[1]._intention.mode = NavMode.POSITION
         place_m = team.place_m(1)
+        began_s = team.clock.now_s()
         async with team.watched():
-            code, said = await recovered(team)
-        print(f"MEASURED pilot: least distance {team.least_m:.2f} m")
+            code, said, result = await recovered(team)
+            took_s = team.clock.now_s() - began_s
+        print(f"MEASURED pilot: least distance at like heights {team.least_level_m:.2f} m")
         assert code == 4, said
         assert team.aloft == {1}
         assert team.vehicles[1].mode is NavMode.POSITION
@@ -130,7 +105,18 @@ async def test_a_pilot_keeps_his_vehicle_and_one_that_fell_is_reported(
         assert setpoints(team)[1] == setpoints(team)[2] == 0
         assert not team.vehicles[3].armed
         assert team.off_start_m(3) < HOME_M
-        assert team.least_m >= team.mission.safety.separation_m
+        assert team.least_level_m >= team.mission.safety.separation_m
+        found = {each["id"]: each for each in result["vehicles"]}
+        assert {i: (each["treatment"], each["how"]) for i, each in found.items()} == {
+            1: ("leave to its pilot", "pilot"),
+            2: ("leave alone", None),
+            3: ("bring home", "landed"),
+        }
+        assert found[3]["from_start_m"] == pytest.approx(20.0, abs=0.5)
+        assert found[3]["landed_from_start_m"] == pytest.approx(team.off_start_m(3), abs=0.2)
+        assert 10.0 < found[3]["landed_at_s"] <= result["duration_s"] < took_s
+        assert result["distance_min_m"] == pytest.approx(team.least_m, abs=0.3)
+        assert result["ended"]["vehicles"] == [1]
     words = " ".join(said.split())
     assert "warning vehicle 1 it is in the air in mode other" in words
     assert "--take-from-pilot 1" in words
@@ -148,7 +134,7 @@ async def test_a_vehicle_is_taken_from_its_pilot_at_the_word_and_a_silent_one_is
         await take_off(team, {1: 8.0, 2: 8.0})
         team.vehicles[2]._intention.mode = NavMode.POSITION
         team.stubs.stubs[3].faults.link_cut = True
-        code, said = await recovered(team, "--take-from-pilot", "2", "--land", log=str(tmp_path / "home.mcap"))
+        code, said, _ = await recovered(team, "--take-from-pilot", "2", "--land", log=str(tmp_path / "home.mcap"))
         assert code == 0, said
         assert not team.aloft
         assert {i: dist(team.place_m(i)[:2], place_m) < 1.0 for i, place_m in places_m.items()} == {1: True, 2: True}
@@ -172,16 +158,18 @@ async def test_nothing_is_sent_while_one_must_not_be_taken_and_the_others_come_h
         team.vehicles[2].arm()
         modes = {i: each.mode for i, each in team.vehicles.items()}
         with subtests.test("refused, and nothing was sent"):
-            code, said = await recovered(team)
+            code, said, result = await recovered(team)
             words = " ".join(said.split())
             assert code == 3, said
+            assert [result[key] for key in ("ended", "duration_s", "distance_min_m")] == [None] * 3
+            assert [each["grade"] for each in result["vehicles"]] == ["pass", "refuse", "refuse"]
             assert "refuse vehicle 2 it is armed on the ground" in words
             assert "carries system id 7, not 3" in words
             assert "nothing was sent to the vehicles: vehicles 2 and 3 must not be taken" in words
             assert {i: each.mode for i, each in team.vehicles.items()} == modes
             assert set(setpoints(team).values()) == {0}
         with subtests.test("the other one comes home without them"):
-            code, said = await recovered(team, "--leave", "2", "--leave", "3")
+            code, said, _ = await recovered(team, "--leave", "2", "--leave", "3")
             assert code == 0, said
             assert team.aloft == {7}
             assert team.off_start_m(1) < HOME_M
@@ -228,24 +216,20 @@ async def test_another_computer_with_the_teams_keys_brings_them_home_once_no_fli
     shutil.copytree(keys.path, laptop / "keys")
     path = str(shutil.copy(secured, laptop))
     async with team_of(secured) as team:
-        async with running("fly", secured, "--no-log") as flight:
-            await until(lambda: team.vehicles[1].armed, waiting_for="a take-off")
-            with hurried(team.clock):
-                await until(lambda: team.vehicles[1].mode is NavMode.OFFBOARD, 60.0, "offboard", clock=team.clock)
-                await team.clock.sleep(60.0)
+        async with in_mid_ring(team, 30.0) as flight:
             monkeypatch.setenv("XDG_RUNTIME_DIR", str(laptop / "run"))
-            code, said = await recovered(team, path=path)
+            with at_speed(team.clock, 1.0):
+                code, said, _ = await recovered(team, path=path)
             assert code == 3, said
             assert "still runs: vehicles 1, 2 and 3 reported on its bus" in said
             assert all(each.mode is NavMode.OFFBOARD for each in team.vehicles.values())
-            kill_whole(flight.pid)
-        await until(lambda: team.vehicles[1].mode is NavMode.HOLD, 30.0, "the autopilots' failsafe", clock=team.clock)
+            await killed(team, flight)
         assert min(map(team.off_start_m, (1, 2, 3))) > 5.0
         async with team.watched():
-            code, said = await recovered(team, path=path)
+            code, said, _ = await recovered(team, path=path)
         assert code == 0, said
         assert max(map(team.off_start_m, (1, 2, 3))) < HOME_M
-        assert team.least_m >= team.mission.safety.separation_m
+        assert team.least_level_m >= team.mission.safety.separation_m
 
 
 async def test_on_a_terminal_it_asks_once_and_does_nothing_without_a_yes(mission_file: Callable[..., str]) -> None:
@@ -281,7 +265,8 @@ async def test_a_team_whose_flight_was_killed_flies_on_with_its_mission(
     """Its vehicles are taken on the ring; they hold together, and are on the ring again when the mission ends."""
     log = tmp_path / "on.mcap"
     async with team_of(mission_file("case2", *ON_RING)) as team:
-        await kill_in_mid_ring(team)
+        async with in_mid_ring(team) as flight:
+            await killed(team, flight)
         options = ("--adopt", "--yes", "--duration", "60", "--json", "--log", str(log))
         async with team.watched(), asyncio.timeout(PATIENCE_S), running("fly", team.path, *options) as flight:
             with hurried(team.clock):
@@ -294,7 +279,7 @@ async def test_a_team_whose_flight_was_killed_flies_on_with_its_mission(
         assert result["verdicts"]["C3"]
         assert result["departures"] == []
         assert not team.aloft
-        assert team.least_m >= team.mission.safety.separation_m
+        assert team.least_level_m >= team.mission.safety.separation_m
     async with running("replay", str(log)) as replay:
         out, err = await replay.communicate()
         assert replay.returncode == 0, err.decode() + out.decode()

@@ -190,7 +190,23 @@ async def test_a_flight_arms_nothing_until_the_page_has_ticked_the_checklist(
     assert tick.did.startswith("Propellers tight (")
     assert abs(datetime.fromisoformat(tick.did.partition("(")[2].rstrip(")")).timestamp() - ticked_s) < PATIENCE_S
     assert by in audit_line(tick)
-    assert read_log(log).run.weather == "gusts"
+    with cordon("report", str(log)) as report:
+        _, said = await asyncio.to_thread(report.communicate)
+    assert "weather: gusts" in said
+
+
+def test_a_wait_for_the_checklist_ends_at_ctrl_c_with_nothing_armed(mission_file: Callable[..., str]) -> None:
+    path = mission_file("case2", LOW, CHECKLIST)
+    with cordon("fly", path, "--sitl", "--speed", "max", "--no-log") as process:
+        assert process.stderr is not None
+        told = " ".join("".join(lines_to(process.stderr, "[ ] Propellers tight")).split())
+        assert "nothing is armed" in told
+        assert "--checklist-done NAME" in told
+        process.send_signal(signal.SIGINT)
+        _, err = process.communicate(timeout=PATIENCE_S)
+    assert process.returncode == 3, err
+    assert "the operator ended the flight before take-off" in " ".join(err.split())
+    assert "armed:" not in err
 
 
 async def test_the_page_outlives_a_flight_whose_process_is_killed_and_says_what_controls_the_vehicles(

@@ -12,6 +12,8 @@ const DELIVERED_WITHIN_MS = 1500;
 const PILOT = "pilot override";
 const NOT_SENT = "No connection to the station: press again once it is restored.";
 const GOTO = "goto";
+const LOOK = "look";
+const ALL = 0; // no vehicle has this id
 const HOLD = { verb: "hold", key: "h" };
 
 export class Commands {
@@ -58,10 +60,34 @@ export class Commands {
     if (this.mission.source === "log") return [];
     const why = this.mission.operator.sights ? "" : "no sensor's keys here";
     const target = { name: "The target is here…", why, act: () => this.#askTarget(point_m, place) };
-    const goto = this.mission.verbs.find(({ name }) => name === GOTO && this.mission.operator.may.includes(GOTO));
     const none = this.#processesEnded || !this.selection.all.length ? "no vehicle flies" : "";
-    const to = ([name, lands]) => ({ name: `${name}…`, why: goto ? none : `may not ${GOTO}`, act: () => this.#askGoto(goto, name, point_m, place, lands) });
-    return [target, ...[["Hold there", false], ["Land there", true]].map(to)];
+    const choice = (verb, name, act) => ({ name: `${name}…`, why: this.#granted(verb) ? none : `may not ${verb}`, act: () => act(this.#granted(verb), name) });
+    const goto = (name, lands) => choice(GOTO, name, (verb) => this.#askGoto(verb, name, point_m, place, lands));
+    const look = (name, at_m, where) => choice(LOOK, name, (verb) => this.#askLook(verb, name, at_m, where));
+    const looks = [look("Look here", point_m, place), look("Look at the target again", null, "the target")];
+    return [target, goto("Hold there", false), goto("Land there", true), ...(this.#withGimbal.length ? looks : [])];
+  }
+
+  /** A verb that this operator may command, undefined without the right. */
+  #granted(verb) {
+    return this.mission.verbs.find(({ name }) => name === verb && this.mission.operator.may.includes(verb));
+  }
+
+  /** The vehicles that are commanded whose cameras can be pointed. */
+  get #withGimbal() {
+    const pointed = this.mission.vehicles.filter(({ has_gimbal }) => has_gimbal).map(({ vehicle_id }) => vehicle_id);
+    return pointed.filter((id) => this.selection.all.includes(id));
+  }
+
+  /** Ask whose camera looks at a place, or at the target (`at_m` null): that of the only vehicle selected, or all. */
+  #askLook(verb, title, at_m, where) {
+    const pointed = this.#withGimbal;
+    const { vehicles, all } = this.selection;
+    const chosen = vehicles.length === 1 && pointed.includes(vehicles[0]) ? vehicles[0] : ALL;
+    this.place.askVehicle(title, where, [[ALL, "all cameras"], ...named(pointed)], chosen, ({ vehicle }) => {
+      const to = { vehicles: vehicle === ALL ? pointed : [vehicle], all, isAll: false };
+      this.#request({ ...verb, label: `look at ${where}` }, to, { place: at_m && [...at_m, false] });
+    });
   }
 
   /** Ask which vehicle goes to a place: the selected one, or the nearest. */
@@ -72,7 +98,7 @@ export class Commands {
       return at ? Math.hypot(at[0] - point_m[0], at[1] - point_m[1]) : Infinity;
     };
     const [nearest] = vehicles.toSorted((one, other) => away(one) - away(other));
-    this.place.askVehicle(title, place, all, nearest, ({ vehicle }) => {
+    this.place.askVehicle(title, place, named(all), nearest, ({ vehicle }) => {
       this.#request({ ...verb, label: `${lands ? "land" : "hold"} at ${place}` }, { vehicles: [vehicle], all, isAll: false }, { place: [...point_m, lands] });
     });
   }
@@ -260,6 +286,8 @@ export class Commands {
     setText(byId("target-rest"), isEmpty ? "" : `for ${Math.ceil(rest_s)} s`);
   }
 }
+
+const named = (vehicles) => vehicles.map((id) => [id, `vehicle ${id}`]);
 
 const title = ({ label }) => `${label[0].toUpperCase()}${label.slice(1)}`;
 

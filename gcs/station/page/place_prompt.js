@@ -1,4 +1,4 @@
-/** The dialog before something is sent that has a place of the map: a report of the target, or a vehicle's goal. */
+/** The dialog before something is sent that has a place of the map: a report of the target, a vehicle's goal, or where cameras look. */
 
 import { byId, element, setText } from "./dom.js";
 
@@ -25,12 +25,12 @@ export class PlacePrompt {
     byId("place-sigma").select();
   }
 
-  /** Ask which vehicle goes to a place. @param {string} title of the dialog and its button @param {number[]} vehicles @param {?number} chosen */
+  /** Ask for a vehicle. @param {string} title of the dialog and its button @param {[number, string][]} vehicles ids and names @param {number} chosen */
   askVehicle(title, place, vehicles, chosen, send) {
     this.#ask(title, place, title, send);
     byId("place-vehicle-row").hidden = false;
-    byId("place-vehicle").replaceChildren(...vehicles.map((id) => element("option", { value: String(id) }, `vehicle ${id}`)));
-    if (chosen !== null) byId("place-vehicle").value = String(chosen);
+    byId("place-vehicle").replaceChildren(...vehicles.map(([id, name]) => element("option", { value: String(id) }, name)));
+    byId("place-vehicle").value = String(chosen);
     this.dialog.showModal();
     byId("place-vehicle").focus();
   }

@@ -102,11 +102,11 @@ class Sky:
         x, y, x_rate, y_rate = flyer.motion.tolist()
         flyer.core.take(Telemetry(self.now_s, (x, y, flyer.height_m), (x_rate, y_rate, 0.0)))
         output = flyer.core.tick(self.now_s)
-        assert output.setpoint is not None
         if flyer.core.tactic is Tactic.LAND:
             flyer.sink()
             flyer.down_s = self.now_s if flyer.height_m <= 0.0 else None
-        else:
+        elif flyer.core.tactic is not Tactic.PILOT_OVERRIDE:  # its pilot holds it where it is
+            assert output.setpoint is not None
             flyer.fly(output.setpoint.position_m)
         return [message.received() for message in output.messages]
 
@@ -162,7 +162,7 @@ def test_each_lands_at_the_nearest_of_its_places_where_nobody_else_does(make_con
     for i, spot in {1: (40.0, 4.0), 2: (80.0, 0.0), 3: (0.0, -4.0)}.items():
         assert dist(sky.flyers[i].place, spot) < 1.0, i
     config = sky.flyers[1].config
-    way_s = [return_duration_s(config, (x, 4.0), 8.0, (0.0, 0.0)) for x in (40.0, 60.0, 20.0, 0.0)]
+    way_s = [return_duration_s(config, (), (x, 4.0), 8.0, (0.0, 0.0)) for x in (40.0, 60.0, 20.0, 0.0)]
     assert way_s[0] == way_s[3] < way_s[1] == way_s[2]
 
 
@@ -183,6 +183,20 @@ def test_one_that_comes_down_alone_does_not_wait_for_those_that_fly_on(make_conf
     for _ in range(int(25.0 / DT_S)):
         sky.step()
     assert [i for i, each in sky.flyers.items() if each.down_s is not None] == [2]
+
+
+def test_none_lands_beside_one_that_a_pilot_flies_below_it(make_config: MakeConfig) -> None:
+    sky = settled(Sky(make_config, {1: (0.0, 1.0), 2: (20.0, 0.0)}, **RETURN))
+    piloted, returning = sky.flyers[1], sky.flyers[2]
+    piloted.core.take(TacticEvent(Event.HANDED_OVER))
+    piloted.height_m = 6.0
+    sky.end(2)
+    settled(sky, 600)
+    assert returning.core.tactic is Tactic.RETURN_AND_LAND, "it waits above its start"
+    assert dist(returning.place, HOMES[2]) < 1.0
+    piloted.motion[0] = 8.0
+    settled(sky, 400)
+    assert returning.down_s is not None
 
 
 def test_every_wait_is_bounded(make_config: MakeConfig) -> None:

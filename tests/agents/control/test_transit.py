@@ -61,7 +61,7 @@ def test_a_vehicle_leaves_its_ring_and_flies_to_within_reach_of_the_next(
     """The plant of the profile, under the aims: around its own target, at the ring's speed and acceleration at most."""
     whole = make_config(vehicle_id=1, slots=(1, 2))
     radius_m, clear_m = whole.encirclement.radius_m, whole.encirclement.radius_m + ASIDE * whole.safety.separation_m
-    near_m = FAR_SHARE * whole.encirclement.radius_far_m
+    near_m = FAR_SHARE * whole.encirclement.far_m
     rings = tuple(RingConfig(name, name, 2, whole.encirclement) for name in ("here", "there"))
     config = replace(whole, rings=rings, targets=("here", "there")).on_ring(1)
     transit, there_m = Transit(config), np.array((clear_m + near_m + beyond_m, 0.0, 0.0, 0.0))

@@ -10,6 +10,7 @@ from agents.inputs import Message
 from agents.ring.chooser import RingChooser
 from agents.ring.commanded_rings import NOTED_AGAIN_S, CommandedRings
 from agents.settings.config import AgentConfig, RingConfig
+from agents.settings.sections import NoFlySection, SafetySettings
 from agents.team.messages import MISSION_RING, CommandedRing, MemberState, OperatorCommand, RingChoice, RingValues
 
 Maker = Callable[..., AgentConfig]
@@ -52,6 +53,19 @@ def test_a_ring_that_leaves_the_fence_is_not_taken_from_a_peer(make_config: Make
     assert (numbers, "vehicle 3's state" in text, "at most 20.0 m" in text) == ([], True, True)
     assert taken(config, {0: radius(19.5)}, at()) == ([], []), "it waits until the target is known"
     assert taken(make_config(), {0: radius(19.5)}, at()) == ([0], []), "without a fence it does not"
+
+
+def test_a_ring_that_cannot_bend_around_a_zone_of_its_heights_is_refused(make_config: Maker) -> None:
+    """From 13 m on the target is in a zone, outside of which there is no room inside the fence; below all is free."""
+    zone = NoFlySection(name="crane", center_m=(5.0, 0.0), radius_m=29.0, floor_m=13.0)
+    fence_m = SQUARE_M[0], (120.0, -30.0), (120.0, 30.0), SQUARE_M[3]
+    config = make_config(safety=SafetySettings(no_fly=(zone,), fence_m=fence_m))
+    rings = CommandedRings(config)
+    assert not rings.refusal(0, altitude(11.0), config, HERE)
+    said = rings.refusal(0, altitude(13.0), config, HERE)
+    assert said == "the ring cannot bend around 'crane': choose another radius, rate or altitude"
+    assert taken(config, {0: altitude(13.0)})[0] == []
+    assert not rings.refusal(0, altitude(13.0), config, at((90.0, 0.0))), "the zone is far from there"
 
 
 def stacked(config: AgentConfig, *, shared: bool = False) -> AgentConfig:

@@ -13,7 +13,7 @@ from agents.ring.commanded_ring import Orbit
 from agents.ring.detour import MARGIN_M, Obstacle, bent_ring_m
 from agents.ring.joining import WAITING, Joining
 from agents.ring.place import RingPlace
-from agents.ring.transition import SLOWEST_SHARE, TRACKED_SHARE, Mover, transition_of
+from agents.ring.transition import SLOWEST_SHARE, TRACKED_SHARE, Mover, transition_of, transition_rate_rad_s
 from agents.settings.config import AgentConfig
 from agents.settings.sections import EncirclementSettings, SafetySettings
 from estimation.polar import Polar
@@ -194,3 +194,14 @@ def test_the_bounds_change_without_a_step_on_the_way_in(
 def in_metres(mover: Mover, radius_m: float) -> list[float]:
     bounds = mover.ahead_max_rad_s, mover.back_max_rad_s, mover.acceleration_max_rad_s2
     return [bound * radius_m for bound in bounds]
+
+
+@given(st.lists(st.tuples(st.floats(-2.0, 2.0), st.sampled_from([10.0, 12.9, 14.0, 30.0])), min_size=1, max_size=12))
+def test_of_vehicles_on_the_ring_the_two_farthest_from_their_places_decide(errors: list[tuple[float, float]]) -> None:
+    """The law gives the same rate as with every vehicle's bounds."""
+    joining, orbit = Joining(CONFIG), Orbit(10.0, 0.05)
+    radii_m = [10.0 if joining.coming(radius_m) == 0.0 else radius_m for _, radius_m in errors]
+    errors_rad = [error_rad for error_rad, _ in errors]
+    every = [joining.mover(*each, orbit) for each in zip(errors_rad, radii_m, strict=True)]
+    rates_rad_s = [transition_rate_rad_s(of, 0.05, 0.3) for of in (every, joining.movers(errors_rad, radii_m, orbit))]
+    assert rates_rad_s[0] == pytest.approx(rates_rad_s[1], abs=1e-12)

@@ -1,14 +1,16 @@
 """The remaining flight time of a battery against the time of the way home, by hand and on the plant."""
 
 from collections.abc import Callable
-from math import inf
+from dataclasses import replace
+from math import hypot, inf
 
 import numpy as np
 import pytest
 
-from agents.safety.endurance import Endurance, return_duration_s
+from agents.safety.endurance import Endurance, WayHome, return_duration_s
+from agents.safety.routes import passing_room_m
 from agents.settings.config import AgentConfig
-from agents.settings.sections import ChoreographySettings
+from agents.settings.sections import ChoreographySettings, NoFlySection
 from estimation.plant.model import exact_step
 
 Maker = Callable[..., AgentConfig]
@@ -23,10 +25,10 @@ def config(make_config: Maker) -> AgentConfig:
 
 def test_the_way_home_is_rising_flying_and_landing_by_hand(config: AgentConfig) -> None:
     rising_s, landing_s = 3.0 + 3 * 3.0 / 0.5, 11.0 / 0.5
-    assert return_duration_s(config, (60.0, -80.0), 8.0, (0.0, 0.0)) == pytest.approx(
+    assert return_duration_s(config, (), (60.0, -80.0), 8.0, (0.0, 0.0)) == pytest.approx(
         rising_s + 100.0 / 2.0 + landing_s
     )
-    higher_s = return_duration_s(config, (60.0, -80.0), 21.0, (0.0, 0.0))
+    higher_s = return_duration_s(config, (), (60.0, -80.0), 21.0, (0.0, 0.0))
     assert higher_s == pytest.approx(rising_s + 100.0 / 2.0 + 21.0 / 0.5)
 
 
@@ -45,20 +47,39 @@ def test_a_head_wind_lowers_the_speed_as_on_the_plant(config: AgentConfig) -> No
         if len(passed_s) == 2:
             break
         motion = exact_step(config.plant, step_s).advance(motion, motion[:2] + lead_m * back, head_wind)
-    near_s, far_s = (return_duration_s(config, (n * at_m[0], n * at_m[1]), 8.0, tuple(head_wind)) for n in (1.0, 2.0))
+    near_s, far_s = (
+        return_duration_s(config, (), (n * at_m[0], n * at_m[1]), 8.0, tuple(head_wind)) for n in (1.0, 2.0)
+    )
     assert far_s - near_s == pytest.approx(passed_s[1] - passed_s[0], rel=0.005)
-    assert near_s > return_duration_s(config, at_m, 8.0, (0.0, 0.0)) + 10.0
+    assert near_s > return_duration_s(config, (), at_m, 8.0, (0.0, 0.0)) + 10.0
 
 
 def test_tail_and_cross_wind_give_no_gain_and_the_duration_is_bounded(config: AgentConfig) -> None:
-    calm_s = return_duration_s(config, (100.0, 0.0), 8.0, (0.0, 0.0))
-    assert return_duration_s(config, (100.0, 0.0), 8.0, (-0.5, 0.0)) == calm_s
-    assert return_duration_s(config, (100.0, 0.0), 8.0, (0.0, 0.5)) == pytest.approx(calm_s)
-    assert return_duration_s(config, (100.0, 0.0), 8.0, (50.0, 0.0)) == pytest.approx(calm_s - 50.0 + 100.0 / 0.4)
+    calm_s = return_duration_s(config, (), (100.0, 0.0), 8.0, (0.0, 0.0))
+    assert return_duration_s(config, (), (100.0, 0.0), 8.0, (-0.5, 0.0)) == calm_s
+    assert return_duration_s(config, (), (100.0, 0.0), 8.0, (0.0, 0.5)) == pytest.approx(calm_s)
+    assert return_duration_s(config, (), (100.0, 0.0), 8.0, (50.0, 0.0)) == pytest.approx(calm_s - 50.0 + 100.0 / 0.4)
+
+
+def test_the_way_around_a_zone_counts_not_the_straight_one(config: AgentConfig) -> None:
+    """A wall across the straight way of 100 m: by hand around its corners, with the wind of each leg."""
+    wall = NoFlySection(name="wall", polygon_m=((-51.0, -60.0), (-49.0, -60.0), (-49.0, 30.0), (-51.0, 30.0)))
+    config = replace(config, safety=config.safety.model_copy(update={"no_fly": (wall,)}))
+    way = WayHome(config).places_m((-100.0, 0.0))
+    room_m = passing_room_m(config.formation.speed_max_m_s, config.safety)
+    straight_s = return_duration_s(config, (), (-100.0, 0.0), 8.0, (0.0, 0.0))
+    around_s = return_duration_s(config, way, (-100.0, 0.0), 8.0, (0.0, 0.0))
+    corner_m = 2.0 * hypot(49.0, 30.0)
+    longest_m = 2.0 * hypot(49.0 - room_m, 30.0 + 1.1 * room_m) + 2.0 * (1.0 + room_m)
+    assert corner_m < 100.0 + 2.0 * (around_s - straight_s) < longest_m
+    southwards_s = return_duration_s(config, way, (-100.0, 0.0), 8.0, (0.0, -0.3))
+    assert southwards_s > around_s + 2.0, "it flies north against this wind; the straight way is across it"
+    near = WayHome(config).places_m((-40.0, 0.0))
+    assert return_duration_s(config, near, (-40.0, 0.0), 8.0, (0.0, 0.0)) == pytest.approx(straight_s - 30.0)
 
 
 def test_without_a_home_it_lands_where_it_is(make_config: Maker) -> None:
-    assert return_duration_s(make_config(home_m=None), (500.0, 0.0), 10.0, (1.0, 0.0)) == 20.0
+    assert return_duration_s(make_config(home_m=None), (), (500.0, 0.0), 10.0, (1.0, 0.0)) == 20.0
 
 
 def discharged(endurance: Endurance, until_s: int, percent_per_s: float, *, stops_s: float = inf) -> None:

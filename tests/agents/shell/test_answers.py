@@ -181,7 +181,7 @@ BECOMES = {
 
 @pytest.mark.parametrize("name", SITUATIONS)
 def test_every_answer_is_true(name: str) -> None:
-    assert set(STEERING) | {"start", "kill", "rejoin", "goto"} == set(VERBS)
+    assert set(STEERING) | {"start", "kill", "rejoin", "goto", "look"} == set(VERBS)
     refuses = all(expected.startswith("refused: ") for expected in ANSWERS[name])
     # What is refused changes nothing.
     flights: list[tuple[Verb, ...]] = [STEERING] if refuses else [(verb,) for verb in STEERING]

@@ -314,7 +314,7 @@ REFUSED: tuple[tuple[str, ...], ...] = (
     ("command ring radius=nan", "radius=nan: give"),
     ("command ring radius=12 radius=13", "radius=13: give"),
     ("command ring radius=0.1", "encirclement.radius_m", "0.1"),
-    ("command ring radius=90", "radius_far_m", "90.0"),
+    ("command ring radius=90", "90.0 m", "speed_max_m_s"),
     ("command ring rate=0.5", "0.5 rad/s", "speed_max_m_s = 3.0 m/s"),
     ("command ring radius=20", "sensor range", "the ring's radius is 20 m"),
     ("command ring radius=12 --vehicle 2", "--vehicle"),

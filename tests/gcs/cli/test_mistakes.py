@@ -74,6 +74,7 @@ MISTAKES = (
         "sim case2 --set encirclement.radius=9",
         ("radius", "'radius_m'", "[set, not in the file]"),
     ),
+    Mistake("a command for a verb", NOTHING, "command rejoin --vehicle 2", ("next: cordon rejoin --help",)),
     Mistake("a key of a key", NOTHING, "keys isue", ("isue", "next: cordon keys --help")),
 )
 

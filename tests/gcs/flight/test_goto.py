@@ -91,19 +91,23 @@ REFUSED = {
     "outside of the fence": ("goto 2 x=60 y=0", "outside the fence"),
     "near the target": ("goto 2 x=15 y=1", "keep_out_m"),
     "far away": ("goto 2 x=5000 y=0", "m away"),
+    "on the ring": ("goto 2 x=25 y=0", "m from the ring of 10 m: 3 m at least are needed"),
+    "near another's landing place": ("goto 2 x=0 y=5.5 land", "1.5 m from a landing place of vehicle 1"),
+    "where another goes": ("goto 2 x=27 y=20", "2.0 m from where vehicle 3 goes"),
 }
+"""What is refused of vehicle 2, while vehicle 3 is on its way to (25, 20)."""
 
 
 def test_places_that_are_not_safe_are_refused(mission: cordon.Mission, subtests: pytest.Subtests) -> None:
     held = [Commanded(60.0, "goto 3 x=25 y=20"), Commanded(95.0, "goto 2 x=26 y=20")]
-    told = [Commanded(70.0 + i, text) for i, (text, _) in enumerate(REFUSED.values())]
+    told = [Commanded(60.5 + 0.5 * i, text) for i, (text, _) in enumerate(REFUSED.values())]
     flown = cordon.simulate(mission, seed=SEED, duration_s=100.0, events=[*held, *told])
     said = outcomes(flown, 2)
     for name, (_, word) in REFUSED.items():
         with subtests.test(name):
             assert any("refused" in each and word in each for each in said), said
     with subtests.test("where another vehicle holds"):
-        assert "vehicle 3" in said[-1]
+        assert "m from vehicle 3" in said[-1]
     assert {*flown.vehicles[2].tactic[600:950]} == {"encircle"}
 
 

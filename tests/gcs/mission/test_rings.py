@@ -191,7 +191,6 @@ def test_the_widest_gaps_that_a_ring_may_have_fit_it() -> None:
     wide = several(
         {("vehicles", 0, "gap"): 20.0, ("rings", 1, "radius_m"): 60.0, ("rings", 1, "angular_rate_rad_s"): 0.0}
     )
-    wide = put(wide, ("tuning", "encirclement", "radius_far_m"), 90.0)
     wide = put(wide, ("targets", 0, "start_m"), [40.0, 90.0])
     found = faults(wide)
     assert [fault.partition(": ")[0] for fault in found] == ["vehicles[0].gap"]

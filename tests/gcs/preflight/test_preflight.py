@@ -258,6 +258,16 @@ def test_a_vehicle_that_is_not_there_is_one_finding() -> None:
     assert [each.check for each in findings if each.subject == "vehicle 2"] == ["link", "reach", "setpoint lead"]
 
 
+def test_a_reserve_may_come_later_but_not_another_vehicle_in_its_place() -> None:
+    one, two, three = CASE2.vehicles
+    mission = replace(
+        CASE2, vehicles=(one, two, replace(three, section=three.section.model_copy(update={"reserve": True})))
+    )
+    for silent, grade in ((True, "warning"), (False, "refuse")):
+        there = [well(1), well(2), VehicleFacts(vehicle_id=3, unreachable=("no heartbeat", "start it"), silent=silent)]
+        assert grave(preflight(mission, there)) == [(grade, "vehicle 3", "link")]
+
+
 def test_what_is_not_well_with_one_vehicle(subtests: pytest.Subtests) -> None:
     for changes, expected in (
         ({"autopilot": registry.UNKNOWN}, [("refuse", "autopilot"), ("warning", "kind")]),

@@ -30,8 +30,8 @@ def with_status(**changes: object) -> VehicleFacts:
     return replace(ALOFT, status=structs.replace(ALOFT.status, **changes))
 
 
-def judged(facts: VehicleFacts, *, missing: bool = False, taken: bool = False) -> Standing:
-    (standing,) = standings(CASE2, [facts], (2,) if missing else (), (2,) if taken else ())
+def judged(facts: VehicleFacts, *, taken: bool = False) -> Standing:
+    (standing,) = standings(CASE2, [facts], (2,) if taken else ())
     assert standing.vehicle_id == standing.finding.about == 2
     return standing
 
@@ -76,7 +76,7 @@ def test_refused_are_those_that_may_be_another_vehicle_or_cannot_be_flown(facts:
 
 
 def test_those_that_are_missing_on_the_ground_or_fell_are_left() -> None:
-    missing = judged(VehicleFacts(vehicle_id=2, unreachable=("no heartbeat", "look")), missing=True)
+    missing = judged(VehicleFacts(vehicle_id=2, unreachable=("no heartbeat", "look"), silent=True))
     assert (missing.treatment, missing.finding.grade) == (Treatment.LEAVE, Grade.WARNING)
     down = structs.replace(ALOFT.status, armed=False, in_air=False)
     home = judged(replace(ALOFT, status=down, position_m=(0.5, 0.5, 0.0)))
@@ -94,7 +94,7 @@ def test_low_batteries_and_places_outside_the_fence_are_warnings() -> None:
     assert judged(with_status(battery=None)).finding.grade is Grade.WARNING
     fenced = replace(CASE2, safety=CASE2.safety.model_copy(update={"fence_m": FENCE_M}))
     far = replace(ALOFT, position_m=(60.0, 0.0, 8.0))
-    (standing,) = standings(fenced, [far], (), ())
+    (standing,) = standings(fenced, [far], ())
     assert (standing.treatment, standing.finding.check, standing.finding.grade) == (
         Treatment.TAKE,
         "fence",

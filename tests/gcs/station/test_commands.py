@@ -129,6 +129,10 @@ async def test_what_is_not_confirmed_or_not_known_is_not_sent(
             assert next(each.place for _, each in team.received if each.verb == "goto") == Goal(28.0, -4.0, lands=True)
             await page.send(asked("14", "ring", ring=[12.0, -0.05]))
             await until(lambda: len(team.numbers("ring")) == 1)
+            await page.send(asked("22", "look", [1], place=[28.0, -4.0, False]))
+            await page.send(asked("23", "look", [1]))
+            await until(lambda: len(team.numbers("look")) == 2)
+            assert {each.place for _, each in team.received if each.verb == "look"} == {Goal(28.0, -4.0), None}
         with subtests.test("one value is checked with the ring that was commanded before"):
             await page.send(asked("15", "ring", ring=[None, 0.2]))  # 2 m/s on the mission's 10 m
             await until(lambda: len(team.numbers("ring")) == 2)
