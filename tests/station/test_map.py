@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import pytest
 from msgspec.structs import replace
+from numpy.typing import NDArray
 from PIL import Image
 from playwright.sync_api import Locator, Page, expect
 
@@ -289,6 +290,64 @@ def test_no_fly_zones_are_drawn_with_their_heights(open_page: OpenPage) -> None:
         shown.page.wait_for_timeout(500)
         assert colour(shown, 21.0, 9.0) == outside
         expect(names.first).to_be_hidden()
+
+
+DRAWS = """
+window.draws = 0;
+for (const name of ["drawElements", "drawArrays"]) {
+  const draw = WebGL2RenderingContext.prototype[name];
+  WebGL2RenderingContext.prototype[name] = function (...given) { window.draws += 1; return draw.apply(this, given); };
+}
+"""
+
+
+def test_marks_are_where_symbols_are_and_need_no_webgl(open_page: OpenPage, subtests: pytest.Subtests) -> None:
+    """Separation circles, drawn in metres, are about the vehicles' symbols, which MapLibre places by their degrees."""
+    with CannedStation(MISSION, lambda time_s: ring_team(MISSION, time_s)) as station:
+        shown = opened(open_page(station.url, script=DRAWS), station)
+        page = shown.page
+        with subtests.test("the camera rests"):
+            before = page.evaluate("draws")
+            page.wait_for_timeout(1000)
+            assert page.evaluate("draws") == before
+        station.team = lambda _time_s: ring_team(MISSION, 0.0)
+        page.wait_for_timeout(500)
+        box: Any = page.locator("#map").bounding_box()
+        x, y = box["x"] + 0.8 * box["width"], box["y"] + 0.2 * box["height"]
+        page.mouse.move(x, y)
+        page.mouse.down()
+        page.mouse.move(x - 30.0, y + 21.0, steps=5)
+        for moved in ("dragged", "zoomed", "turned"):
+            with subtests.test(moved):
+                if moved == "zoomed":
+                    page.mouse.up()
+                    page.mouse.wheel(0.0, -240.0)
+                elif moved == "turned":
+                    page.locator("#mission-up").click()
+                page.wait_for_timeout(600)
+                assert distances_px(page).max() < 1.0
+        with subtests.test("the scale is the map's"):
+            assert page.evaluate(CIRCLE_PX) == pytest.approx(MISSION.separation_m * page.evaluate(METRE_PX), rel=0.02)
+
+
+CIRCLE_PX = "document.querySelector('[data-layer=separation] path').getBoundingClientRect().width"
+
+
+def distances_px(page: Page) -> NDArray[np.float64]:
+    """Return how far the middles of circles and symbols are apart."""
+    middles = [
+        page.eval_on_selector_all(
+            selector,
+            """all => all.map((each) => {
+              const { left, right, top, bottom } = each.getBoundingClientRect();
+              return [(left + right) / 2, (top + bottom) / 2];
+            })""",
+        )
+        for selector in ("[data-layer=separation] path", ".symbol[data-vehicle]")
+    ]
+    circles, symbols = (np.array(sorted(each)) for each in middles)
+    assert circles.shape == symbols.shape == (3, 2)
+    return np.asarray(np.hypot(*(circles - symbols).T))
 
 
 def colour(shown: Map, x_m: float, y_m: float) -> tuple[int, ...]:

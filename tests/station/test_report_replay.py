@@ -110,11 +110,11 @@ def test_it_plays_on_the_map_and_is_not_printed(open_report: OpenReport) -> None
     replay = replay_of(page)
     expect(replay.locator(".symbol[data-vehicle]")).to_have_count(3)
     seek(replay, 50.0)
-    # The keep-out area, of the target alone: it is drawn by MapLibre's worker. 12 % of #a3160c on #f6f7f8.
+    # The keep-out area, of the target alone: 12 % of #a3160c on #f6f7f8.
     area = np.array([236.0, 220.0, 220.0]) / 255.0
 
     def attempt() -> None:
-        drawn = imread(BytesIO(replay.locator("#map canvas").screenshot()))[:, :, :3]
+        drawn = imread(BytesIO(replay.locator("#map").screenshot()))[:, :, :3]
         assert (np.abs(drawn - area).max(axis=2) < 3.0 / 255.0).sum() > 500
 
     def ground() -> str:

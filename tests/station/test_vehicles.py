@@ -266,8 +266,7 @@ def degrees(text: str) -> tuple[float, ...]:
 
 REACH_M = """async ([mission, team]) => {
   const { teamMarks } = await import("./marks.js");
-  const { features } = teamMarks(mission, team, { lonLat: (point_m) => point_m });
-  const [circle_m] = features.find((each) => each.properties.layer === "reach").geometry.coordinates;
+  const [circle_m] = teamMarks(mission, team).find(({ layer }) => layer === "reach").parts_m;
   const [x, y] = team.target.position_m;
   const distances_m = circle_m.map((point_m) => Math.hypot(point_m[0] - x, point_m[1] - y));
   return [Math.min(...distances_m), Math.max(...distances_m)];
@@ -374,13 +373,12 @@ def scale_px_m(page: Page) -> float:
 
 CIRCLES = """async ([mission, team]) => {
   const { teamMarks } = await import("./marks.js");
-  const { features } = teamMarks(mission, team, { lonLat: (point_m) => point_m });
-  const found = features.filter(({ properties }) => ["ring", "flown", "keep-out"].includes(properties.layer));
-  return found.map(({ properties: { layer, colour }, geometry: { coordinates: [points_m] } }) => {
+  const found = teamMarks(mission, team).filter(({ layer }) => ["ring", "flown", "keep-out"].includes(layer));
+  return found.map(({ layer, colour, parts_m: [points_m] }) => {
     const ends = (axis) => [Math.min, Math.max].map((end) => end(...points_m.map((at) => at[axis])));
     const [[left, right], [low, high]] = [ends(0), ends(1)];
     const circle = [(left + right) / 2, (low + high) / 2, (right - left) / 2];
-    return [layer, colour ?? "", ...circle.map((each) => Math.round(each * 100) / 100)];
+    return [layer, colour, ...circle.map((each) => Math.round(each * 100) / 100)];
   });
 }"""
 """Layer, colour, centre and radius of the circles that the map draws about targets."""
@@ -523,9 +521,8 @@ def test_map_that_is_not_there_yet_says_so(open_page: OpenPage) -> None:
 
 FOOTPRINT = """async ([mission, team]) => {
   const { teamMarks } = await import("./marks.js");
-  const { features } = teamMarks(mission, team, { lonLat: (point_m) => point_m });
-  const cameras = features.filter(({ properties }) => properties.layer === "camera");
-  return cameras.map(({ properties: { colour }, geometry: { coordinates: [points_m] } }) => [colour, points_m]);
+  const cameras = teamMarks(mission, team).filter(({ layer }) => layer === "camera");
+  return cameras.map(({ colour, parts_m: [points_m] }) => [colour, points_m]);
 }"""
 """The colours and corners of what cameras cover."""
 

@@ -1,4 +1,4 @@
-/** The marks of a mission and a team as GeoJSON: lines and areas, each with a `layer`. */
+/** The marks of a mission and a team: lines in metres, each with its layer, and its colour if it has one of its own. */
 
 import { flownRing, ringsOf, targetsOf } from "./rings.js";
 import { trouble } from "./vehicles.js";
@@ -7,16 +7,15 @@ const CIRCLE = unitCircle(64);
 const SMALL_CIRCLE = unitCircle(32); // 0.5 % of its radius inside the circle at most
 const DEVIATIONS = 2; // the ellipse contains the target with a probability of 86 %
 const VELOCITY_SHOWN_S = 10;
+const TRAIL_STEP_M = 0.5;
 const FAR_M = 100; // a camera that looks along the ground covers it to the horizon
 
-const collection = (features) => ({ type: "FeatureCollection", features });
-
 /** The fence, the no-fly zones and the starts, which are constant. */
-export function planMarks(mission, frame) {
+export function planMarks(mission) {
   const fences = new Map(mission.vehicles.filter(hasFence).map((each) => [JSON.stringify(each.fence_m), each.fence_m]));
-  const starts = mission.vehicles.map((each) => line("start", cross(each.start_m, 0.6), frame, { colour: each.colour }));
-  const zones = (mission.zones ?? []).map((zone) => area("zone", zoneLine(zone), frame));
-  return collection([...zones, ...[...fences.values()].map((fence_m) => line("fence", [closed(fence_m)], frame)), ...starts]);
+  const starts = mission.vehicles.map((each) => line("start", cross(each.start_m, 0.6), each.colour));
+  const zones = (mission.zones ?? []).map((zone) => area("zone", zoneLine(zone)));
+  return [...zones, ...[...fences.values()].map((fence_m) => line("fence", [closed(fence_m)])), ...starts];
 }
 
 /** The closed line around a no-fly zone. */
@@ -36,27 +35,26 @@ export function zoneMiddle(zone) {
 const hasFence = (vehicle) => vehicle.fence_m.length > 2;
 
 /** The targets with their rings, and the setpoints or aims and circles of vehicles, of a TeamPicture. */
-export function teamMarks(mission, team, frame) {
-  const targets = targetsOf(team).flatMap((target, number) => (target ? targetMarks(mission, team, number, frame) : []));
-  const traffic = (team.traffic ?? []).map((each) => trafficMark(each, frame));
-  return collection([...targets, ...traffic, ...team.vehicles.flatMap((vehicle) => vehicleMarks(mission, vehicle, team, frame))]);
+export function teamMarks(mission, team) {
+  const targets = targetsOf(team).flatMap((target, number) => (target ? targetMarks(mission, team, number) : []));
+  const traffic = (team.traffic ?? []).map((each) => trafficMark(each));
+  return [...targets, ...traffic, ...team.vehicles.flatMap((vehicle) => vehicleMarks(mission, vehicle, team))];
 }
 
-function targetMarks(mission, team, number, frame) {
+function targetMarks(mission, team, number) {
   const target = targetsOf(team)[number];
   const centre = target.position_m;
-  const marks = whereabouts(target, centre, frame);
-  if (mission.keep_out_m > 0) marks.push(area("keep-out", circle(centre, mission.keep_out_m), frame));
-  return [...ringsOf(mission).flatMap((ring, index) => (ring.target === number ? ringMarks(mission, team, index, centre, frame) : [])), ...marks];
+  const marks = whereabouts(target, centre);
+  if (mission.keep_out_m > 0) marks.push(area("keep-out", circle(centre, mission.keep_out_m)));
+  return [...ringsOf(mission).flatMap((ring, index) => (ring.target === number ? ringMarks(mission, team, index, centre) : [])), ...marks];
 }
 
 /** The circle of a ring as it is wanted, and as it is flown. */
-function ringMarks(mission, team, number, centre, frame) {
+function ringMarks(mission, team, number, centre) {
   const { name, colour } = ringsOf(mission)[number];
-  const properties = colour ? { colour } : {};
-  const wanted = line("ring", [circle(centre, flownRing(mission, team, number)[0])], frame, properties);
+  const wanted = line("ring", [circle(centre, flownRing(mission, team, number)[0])], colour);
   const flown = flownRadius(team.vehicles.filter((each) => !name || each.ring === name));
-  return flown === null ? [wanted] : [wanted, line("flown", [circle(centre, flown)], frame, properties)];
+  return flown === null ? [wanted] : [wanted, line("flown", [circle(centre, flown)], colour)];
 }
 
 /** A point of a ring for its name; those of several rings about one target are apart. */
@@ -66,11 +64,11 @@ export function namePlace(mission, number, centre, radius) {
 }
 
 /** Where the target is: its ellipse and motion, or for a lost one the circle that it can have reached. */
-function whereabouts(target, centre, frame) {
-  if (target.lost_speed_m_s !== null) return [area("reach", circle(centre, reach(target)), frame)];
+function whereabouts(target, centre) {
+  if (target.lost_speed_m_s !== null) return [area("reach", circle(centre, reach(target)))];
   return [
-    line("velocity", [[centre, ahead(centre, target.velocity_m_s)]], frame),
-    area("ellipse", ellipse(centre, target.covariance_m2), frame),
+    line("velocity", [[centre, ahead(centre, target.velocity_m_s)]]),
+    area("ellipse", ellipse(centre, target.covariance_m2)),
   ];
 }
 
@@ -86,8 +84,8 @@ export function flownRadius(vehicles) {
 }
 
 /** An aircraft outside the team, with its way in `VELOCITY_SHOWN_S`. */
-function trafficMark({ position_m, velocity_m_s }, frame) {
-  return line("traffic", [[position_m, ahead(position_m, velocity_m_s)], ...cross(position_m, 3)], frame);
+function trafficMark({ position_m, velocity_m_s }) {
+  return line("traffic", [[position_m, ahead(position_m, velocity_m_s)], ...cross(position_m, 3)]);
 }
 
 /** What a camera covers of the ground at the origin's height, to `FAR_M` from the vehicle: where its cone of view meets it. */
@@ -105,44 +103,41 @@ export function footprint({ position_m: [x, y, height], elevation_rad, bearing_r
   });
 }
 
-function vehicleMarks(mission, vehicle, team, frame) {
+function vehicleMarks(mission, vehicle, team) {
   if (vehicle.position_m === null) return [];
   const { colour } = mission.vehicles.find((each) => each.vehicle_id === vehicle.vehicle_id);
   const isCurrent = !["stale", "ended"].includes(trouble(vehicle, team)) && !vehicle.is_stale;
   const round = circle(vehicle.position_m, mission.separation_m / 2, SMALL_CIRCLE);
-  const marks = [line(isCurrent ? "separation" : "stale", [round], frame, { colour })];
+  const marks = [line(isCurrent ? "separation" : "stale", [round], colour)];
   const { camera } = vehicle.autopilot;
-  if (isCurrent && camera) marks.push(area("camera", footprint(camera), frame, { colour }));
+  if (isCurrent && camera) marks.push(area("camera", footprint(camera), colour));
   const ahead_m = vehicle.setpoint_m ?? vehicle.aim_m;
   if (!isCurrent || ahead_m === null) return marks;
-  return [...marks, line("setpoint", [[vehicle.position_m, ahead_m], ...cross(ahead_m, 0.4)], frame, { colour })];
+  return [...marks, line("setpoint", [[vehicle.position_m, ahead_m], ...cross(ahead_m, 0.4)], colour)];
 }
 
 /** The trails of the vehicles, from TeamPictures in the order of time, with gaps where a vehicle was stale. */
-export function trailMarks(mission, teams, frame) {
-  return collection(mission.vehicles.map((planned) => trail(planned, teams, frame)));
+export function trailMarks(mission, teams) {
+  return mission.vehicles.map((planned) => trail(planned, teams));
 }
 
-function trail(planned, teams, frame) {
+function trail({ vehicle_id, colour }, teams) {
   const parts = [[]];
   for (const team of teams) {
-    const vehicle = team.vehicles.find((each) => each.vehicle_id === planned.vehicle_id);
-    if (vehicle?.position_m && !vehicle.is_stale) parts.at(-1).push(vehicle.position_m);
-    else if (parts.at(-1).length) parts.push([]);
+    const vehicle = team.vehicles.find((each) => each.vehicle_id === vehicle_id);
+    const part = parts.at(-1);
+    if (!vehicle?.position_m || vehicle.is_stale) part.length && parts.push([]);
+    else if (!part.length || distance(vehicle.position_m, part.at(-1)) >= TRAIL_STEP_M) part.push(vehicle.position_m);
   }
-  const { colour } = planned;
-  return line("trail", parts.filter((part) => part.length > 1), frame, { colour });
+  return line("trail", parts.filter((part) => part.length > 1), colour);
 }
 
-function line(layer, parts_m, frame, properties = {}) {
-  const coordinates = parts_m.map((part_m) => part_m.map((point_m) => frame.lonLat(point_m)));
-  return { type: "Feature", properties: { layer, ...properties }, geometry: { type: "MultiLineString", coordinates } };
-}
+/** A mark of lines through points in metres; without a colour it has its layer's. */
+export const line = (layer, parts_m, colour = null) => ({ layer, parts_m, colour: colour ?? "", isArea: false });
 
-function area(layer, points_m, frame, properties = {}) {
-  const coordinates = [points_m.map((point_m) => frame.lonLat(point_m))];
-  return { type: "Feature", properties: { layer, ...properties }, geometry: { type: "Polygon", coordinates } };
-}
+const area = (layer, points_m, colour = null) => ({ ...line(layer, [points_m], colour), isArea: true });
+
+const distance = ([x, y], [x_2, y_2]) => Math.hypot(x_2 - x, y_2 - y);
 
 const closed = (points) => [...points, points[0]];
 

@@ -1,9 +1,10 @@
 /** Distance and bearing between two places of the map. */
 
 import { byId, setText } from "./dom.js";
+import { line } from "./marks.js";
 
 export class Measure {
-  /** @param {function(Object)} draw called with GeoJSON @param {function()} ended called when the measurement ends */
+  /** @param {function(Object)} draw called with marks @param {function()} ended called when the measurement ends */
   constructor(draw) {
     this.draw = draw;
     this.button = byId("measure");
@@ -54,9 +55,7 @@ export class Measure {
     const said = this.state === "from" ? "Choose the first place" : this.to ? wayText(this.from, this.to, this.frame, this.mission) : "Choose the second place";
     setText(byId("measured"), said);
     if (this.state === "done") setText(byId("polite"), said);
-    const line = this.from && this.to ? [this.from, this.to].map((point_m) => this.frame.lonLat(point_m)) : [];
-    const geometry = { type: "LineString", coordinates: line };
-    this.draw({ type: "FeatureCollection", features: line.length ? [{ type: "Feature", properties: { layer: "measured" }, geometry }] : [] });
+    this.draw(this.from && this.to ? [line("measured", [[this.from, this.to]])] : []);
   }
 }
 

@@ -33,7 +33,8 @@ export class Replay {
     byId("seek").value = index;
     byId("seek").setAttribute("aria-valuetext", text);
     setText(byId("seek-time"), text);
-    this.show(index);
+    if (index !== this.shown) this.show(index);
+    this.shown = index;
   }
 
   /** Play or pause; at the end, from the beginning. */

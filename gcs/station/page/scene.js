@@ -6,6 +6,7 @@ import { labelPlaces } from "./labels.js";
 import { MapMenu } from "./map_menu.js";
 import { namePlace, planMarks, teamMarks, trailMarks, zoneLine, zoneMiddle } from "./marks.js";
 import { Measure } from "./measure.js";
+import { Overlay } from "./overlay.js";
 import { copy, copyOnClick, frameOf, fullPlaceText, placeText } from "./places.js";
 import { Pointing } from "./pointing.js";
 import { flownRing, ringsOf, targetNames, targetsOf } from "./rings.js";
@@ -16,36 +17,10 @@ import { byTrouble, trouble } from "./vehicles.js";
 import { Tiles } from "./tiles.js";
 import * as maplibre from "./vendor/maplibre-gl.mjs";
 
-const EMPTY = { type: "FeatureCollection", features: [] };
 const PADDING_PX = { top: 40, bottom: 50, left: 50, right: 110 }; // labels are on the right
 const ZOOM_MAX = 21.5;
 const TRAIL_EVERY_MS = 500;
-/** Layers: source, name, the colour (a CSS variable, or the vehicle's), width, dashes, and the switch that hides it. */
-const LINES = [
-  ["plan", "zone", "--alarm", 1.5, null, "zones"],
-  ["plan", "fence", "--fence", 2.5, null, "fence"],
-  ["plan", "start", null, 2, null, "starts"],
-  ["trails", "trail", null, 2, null, "trails"],
-  ["team", "ring", "--ink", 1.5, [4, 3], "ring"],
-  ["team", "flown", "--ink", 1.5, null, "ring"],
-  ["team", "keep-out", "--alarm", 1.5, [1, 2], "keep-out"],
-  ["team", "ellipse", "--ink", 1, null, "uncertainty"],
-  ["team", "reach", "--warning", 2, [4, 3], "uncertainty"],
-  ["team", "velocity", "--ink", 3, null, "uncertainty"],
-  ["team", "camera", null, 1, [1, 2], "cameras"],
-  ["team", "traffic", "--alarm", 2, null, "traffic"],
-  ["team", "separation", null, 1.5, null, "separation"],
-  ["team", "stale", null, 1.5, [2, 3], "separation"],
-  ["team", "setpoint", null, 1.2, [2, 2], "setpoints"],
-  ["measured", "measured", "--accent", 2.5, [2, 1], ""],
-];
-const AREAS = [
-  ["zone", "--alarm", 0.18, "plan"],
-  ["keep-out", "--alarm", 0.12, "team"],
-  ["ellipse", "--ink", 0.15, "team"],
-  ["reach", "--warning", 0.1, "team"],
-  ["camera", "--ink", 0.06, "team"],
-];
+const STYLE = { version: 8, sources: {}, layers: [] }; // the page draws the ground, `tiles.js` the tiles, `overlay.js` the rest
 
 maplibre.setWorkerUrl(import.meta.resolve("./vendor/maplibre-gl-worker.mjs")); // in a report it is not beside the library
 
@@ -58,13 +33,14 @@ export class Scene {
     this.selection = selection;
     this.choices = choices;
     this.isFollowing = true;
-    this.drawTrails = atMostEvery(TRAIL_EVERY_MS, (past) => this.#trails(past));
+    this.drawTrails = atMostEvery(TRAIL_EVERY_MS, (past) => this.overlay.show("trails", trailMarks(this.mission, past)));
     this.map = new maplibre.Map({
-      container, style: style(), maxZoom: ZOOM_MAX, maxPitch: 0, attributionControl: false, dragRotate: false,
+      container, style: STYLE, maxZoom: ZOOM_MAX, maxPitch: 0, attributionControl: false, dragRotate: false,
       renderWorldCopies: false, fadeDuration: 0, center: [0, 0], zoom: 18,
       transformRequest: (url, kind) => ({ url, headers: kind === "Tile" ? headers() : {} }),
     });
-    this.tiles = new Tiles(this.map, `${AREAS[0][0]}-area`);
+    this.tiles = new Tiles(this.map);
+    this.overlay = new Overlay(this.map);
     this.map.touchZoomRotate.disableRotation();
     this.map.addControl(new maplibre.ScaleControl({ unit: "metric", maxWidth: 160 }), "bottom-left");
     this.map.addControl(new maplibre.NavigationControl({ showCompass: false }), "bottom-right");
@@ -76,7 +52,7 @@ export class Scene {
     this.pointing = new Pointing(this.map, this.#openMenu.bind(this), this.#pointAt.bind(this), this.#take.bind(this));
     this.menu = new MapMenu(container, () => this.pointing.focus());
     container.append(byId("measured"));
-    this.measure = new Measure((marks) => this.map.getSource("measured")?.setData(marks));
+    this.measure = new Measure((marks) => this.overlay.show("measured", marks));
     byId("places").hidden = false;
     copyOnClick(byId("places"));
     this.isLoaded = this.map.once("load");
@@ -89,6 +65,7 @@ export class Scene {
     await this.isLoaded;
     this.mission = mission;
     this.frame = new Frame(mission);
+    this.overlay.start(this.frame);
     this.measure.start(mission, this.frame);
     this.tiles.start(mission.tiles);
     for (const { marker } of this.symbols?.values() ?? []) marker.remove();
@@ -104,7 +81,7 @@ export class Scene {
 
   /** Draw the fence, the no-fly zones and the starts of a mission. */
   showPlan(mission) {
-    this.map.getSource("plan").setData(planMarks(mission, this.frame));
+    this.overlay.show("plan", planMarks(mission));
     for (const { marker } of this.zones ?? []) marker.remove();
     this.zones = (mission.zones ?? []).map((zone) => this.#marked(zoneSymbol(zone)));
     this.zones.forEach(({ marker }, number) => this.#place(marker, zoneMiddle(mission.zones[number])));
@@ -150,7 +127,7 @@ export class Scene {
   update(team, past) {
     if (!this.symbols) return;
     this.team = team;
-    this.map.getSource("team").setData(teamMarks(this.mission, team, this.frame));
+    this.overlay.show("team", teamMarks(this.mission, team));
     this.drawTrails(past);
     for (const vehicle of team.vehicles) this.#showVehicle(vehicle, team);
     this.#showTargets(team);
@@ -218,9 +195,6 @@ export class Scene {
 
   /** Apply the page's colours after its theme has changed. */
   recolour() {
-    for (const [, name, colour] of LINES) this.map.setPaintProperty(name, "line-color", lineColour(colour));
-    for (const [name, colour] of AREAS) this.map.setPaintProperty(`${name}-area`, "fill-color", css(colour));
-    this.map.setPaintProperty("ground", "background-color", css("--ground"));
     this.tiles.recolour();
   }
 
@@ -261,10 +235,6 @@ export class Scene {
     this.menu.open(pixel, place, [...this.choices(point_m, place), measured, copied], isByKey);
   }
 
-  #trails(past) {
-    this.map.getSource("trails").setData(trailMarks(this.mission, past, this.frame));
-  }
-
   #vehicle(planned) {
     return this.#marked(vehicleSymbol(planned, () => this.selection.toggle(planned.vehicle_id)));
   }
@@ -283,10 +253,10 @@ export class Scene {
     showVehicle(symbol, vehicle, team, rotation_deg);
   }
 
-  /** Width and height in pixels, read without a new layout of the page. */
+  /** Width and height in pixels, found without a new layout of the page. */
   get #size() {
-    const canvas = this.map.getCanvas();
-    return [canvas.width, canvas.height].map((size) => size / this.map.getPixelRatio());
+    const { x, y } = this.map.project(this.map.getCenter());
+    return [2 * x, 2 * y];
   }
 
   /** Alarms and the selection have the first choice of places, and are always named; the target has the last. */
@@ -372,13 +342,7 @@ export class Scene {
   }
 
   #switch(layer, isShown) {
-    const visibility = isShown ? "visible" : "none";
-    for (const [, name, , , , belongs] of LINES) if (belongs === layer) this.map.setLayoutProperty(name, "visibility", visibility);
-    for (const [name] of AREAS) {
-      if (LINES.some(([, line, , , , belongs]) => line === name && belongs === layer)) {
-        this.map.setLayoutProperty(`${name}-area`, "visibility", visibility);
-      }
-    }
+    this.overlay.turn(layer, isShown);
     if (layer === "zones") this.map.getContainer().classList.toggle("without-zones", !isShown);
     if (layer === "labels") this.map.getContainer().classList.toggle("without-labels", !isShown);
   }
@@ -393,25 +357,3 @@ export class Scene {
 const around = ([x, y], radius) => [[x - radius, y - radius], [x + radius, y + radius]];
 
 const calm = () => matchMedia("(prefers-reduced-motion: reduce)").matches;
-
-const css = (name) => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
-
-/** The colour of a line: a mark's own if it has one. */
-const lineColour = (colour) => (colour ? ["coalesce", ["get", "colour"], css(colour)] : ["get", "colour"]);
-
-function style() {
-  const sources = Object.fromEntries(["plan", "trails", "team", "measured"].map((name) => [name, { type: "geojson", data: EMPTY, maxzoom: 20 }]));
-  const ground = { id: "ground", type: "background", paint: { "background-color": css("--ground") } };
-  return { version: 8, sources, layers: [ground, ...AREAS.map(areaLayer), ...LINES.map(lineLayer)] };
-}
-
-function areaLayer([name, colour, opacity, source]) {
-  const paint = { "fill-color": css(colour), "fill-opacity": opacity };
-  return { id: `${name}-area`, type: "fill", source, filter: ["==", ["get", "layer"], name], paint };
-}
-
-function lineLayer([source, name, colour, width, dashes]) {
-  const paint = { "line-color": lineColour(colour), "line-width": width };
-  if (dashes) paint["line-dasharray"] = dashes;
-  return { id: name, type: "line", source, filter: ["==", ["get", "layer"], name], paint };
-}

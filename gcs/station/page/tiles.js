@@ -8,22 +8,23 @@ const TILE_PX = 256;
 // Faint and pale: the ink of either theme keeps a contrast of 4.5 on black tiles and on white ones.
 const OPACITY = { light: 0.4, dark: 0.35 };
 const SATURATION = -0.4;
+const EMPTY_PIXEL_RATIO = 1 / 16; // without tiles each pixel is empty: without a graphics card even these take time
 
 export class Tiles {
-  /** @param {Object} map MapLibre's map @param {string} above the layer that the tiles are drawn below */
-  constructor(map, above) {
+  /** @param {Object} map MapLibre's map */
+  constructor(map) {
     this.map = map;
-    this.above = above;
     this.source = sourceControl();
   }
 
   /** Draw the tiles of a mission, and remove those of another one. @param {?Object} tiles a TilesPicture */
   start(tiles) {
     this.#clear();
+    this.map.setPixelRatio(tiles ? null : EMPTY_PIXEL_RATIO); // null: the screen's
     if (!tiles) return;
     this.map.addSource(LAYER, source(tiles));
     const paint = { "raster-opacity": opacity(), "raster-saturation": SATURATION, "raster-fade-duration": 0 };
-    this.map.addLayer({ id: LAYER, type: "raster", source: LAYER, paint }, this.above);
+    this.map.addLayer({ id: LAYER, type: "raster", source: LAYER, paint });
     this.source.text.textContent = tiles.source;
     if (tiles.source) this.map.addControl(this.source, "bottom-left");
     this.label = element("label", {}, this.#box(), " Map tiles");

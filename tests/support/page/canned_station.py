@@ -5,6 +5,7 @@ import threading
 import time
 from collections.abc import Callable
 from contextlib import suppress
+from pathlib import Path
 from types import TracebackType
 from typing import Self
 
@@ -60,8 +61,12 @@ class CannedStation:
         mission: MissionPicture | None = None,
         team: Callable[[float], TeamPicture] | None = None,
         flight: FlightPicture | None = None,
+        *,
+        page: Path = PAGE,
+        rate_hz: float = RATE_HZ,
     ) -> None:
-        """Prepare to serve on a free port of loopback."""
+        """Prepare to serve a page's folder on a free port of loopback, and pictures of a live team at a rate."""
+        self._page, self._rate_hz = page, rate_hz
         self.begin(mission, team, flight)
         self._connections: set[ServerConnection] = set()
         self._newest: ServerConnection | None = None
@@ -170,7 +175,7 @@ class CannedStation:
 
     def _publish(self) -> None:
         began_s = time.monotonic()
-        while not self._stopped.wait(1.0 / RATE_HZ):
+        while not self._stopped.wait(1.0 / self._rate_hz):
             if (team := self.team) is not None and not self.is_silent:
                 self.send(team(time.monotonic() - began_s))
 
@@ -198,7 +203,7 @@ class CannedStation:
             return None
         if path == "/flight.json" and self.flight is not None:
             return _response(200, "application/json", msgspec.json.encode(self.flight))
-        file = PAGE / (path.lstrip("/") or "index.html")
+        file = self._page / (path.lstrip("/") or "index.html")
         if not file.is_file():
             return _response(404, "text/plain", b"not here")
         return _response(200, mimetypes.guess_type(file.name)[0] or "text/plain", file.read_bytes())
