@@ -295,7 +295,10 @@ def engagement_reference(mission: Mission) -> EngagementReference:
     if target.has_planned_path:
         _, away_m = formation_path(mission)
         near = {each: bool(away_m[each].min() < allowed_m[each]) for each in allowed_m}
-    return EngagementReference(allowed_m, _chosen(allowed_m, near))
+    # A vehicle in reserve engages only if it is called.
+    return EngagementReference(
+        allowed_m, tuple(each for each in _chosen(allowed_m, near) if each not in mission.reserves)
+    )
 
 
 _PLAN_POINTS = 2000

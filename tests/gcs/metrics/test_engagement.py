@@ -127,6 +127,7 @@ def test_the_plan_brings_a_team_near_as_soon_as_one_of_it(subtests: pytest.Subte
         (load_mission("case1"), (1,)),
         (load_mission("case2", {"target.start_m": [300.0, 0.0]}), ()),
         (parsed(apart), (2, 3)),
+        (parsed(put(case2, ("vehicles", 2, "reserve"), True)), (1, 2)),
         (load_mission("case2", {"target.source": "external", "target.start_m": [300.0, 0.0]}), (1, 2, 3)),
     )
     for mission, near in rows:
