@@ -18,6 +18,17 @@ WIDE: Any = {"width": 1920, "height": 1080}
 PHONE: Any = {"width": 390, "height": 844}
 MISSION = ring_mission()
 TARGET_PX = 44
+MAP_HEIGHTS_PX: tuple[tuple[Any, float], ...] = ((PHONE, 140.0), ({"width": 1024, "height": 768}, 220.0))
+"""The least height of the map that is seen during two alarms, by the page's size."""
+MAP_PX = """() => {
+  const [map, sheet] = ["map", "commands"].map((id) => document.getElementById(id).getBoundingClientRect());
+  return Math.min(map.bottom, sheet.top) - map.top;
+}"""
+VEHICLES_IN_VIEW = """() => {
+  const [map, sheet] = ["map", "commands"].map((id) => document.getElementById(id).getBoundingClientRect());
+  const vehicles = [...document.querySelectorAll(".symbol[data-vehicle]")].map((each) => each.getBoundingClientRect());
+  return vehicles.every(({ top, bottom }) => top >= map.top && bottom <= Math.min(map.bottom, sheet.top));
+}"""
 
 
 def every_state(time_s: float) -> TeamPicture:
@@ -25,6 +36,13 @@ def every_state(time_s: float) -> TeamPicture:
     team = ring_team(MISSION, 100.0 + time_s)
     team = changed(team, 1, alert="GPS jammed", advice="Take over.", severity="alarm")
     return changed(changed(team, 2, autopilot=AutopilotReport(0.2)), 3, is_stale=True, age_s=9.0)
+
+
+def two_alarms(time_s: float) -> TeamPicture:
+    """Return the same with a second alarm; both have long words."""
+    also = ("link degraded", "peer doubtful", "vehicle 3 not following")
+    alarm = {"severity": "alarm", "also": also, "advice": "not following is over: resume continues its mission"}
+    return changed(changed(every_state(time_s), 1, alert="waits for resume", **alarm), 2, alert="not following", **alarm)
 
 
 def findings(page: Page, rules: str = "") -> list[str]:
@@ -76,13 +94,13 @@ def test_axe_finds_nothing_serious_in_a_replay(open_page: OpenPage) -> None:
         assert findings(page, COLOUR_RULES) == []
 
 
-def test_what_is_touched_is_large_enough_and_many_events_take_no_room_from_the_map(
+def test_what_is_touched_is_large_enough_and_neither_alarms_nor_events_take_the_maps_room(
     open_page: OpenPage, subtests: pytest.Subtests
 ) -> None:
-    with CannedStation(MISSION, every_state) as served:
+    with CannedStation(MISSION, two_alarms) as served:
         page = open_page(served.url, viewport=WIDE)
         expect(page.locator("#verbs button")).to_have_count(8)
-        expect(page.locator("#alarms li")).to_have_count(1)
+        expect(page.locator("#alarms li")).to_have_count(2)
         for size in (PHONE, WIDE):
             with subtests.test(width=size["width"]):
                 page.set_viewport_size(size)
@@ -96,6 +114,12 @@ def test_what_is_touched_is_large_enough_and_many_events_take_no_room_from_the_m
                     if min(box["width"], box["height"]) < TARGET_PX - 0.5:
                         small.append((control.inner_text(), box))
                 assert small == []
+        for size, height_px in MAP_HEIGHTS_PX:
+            with subtests.test("map", width=size["width"]):
+                page.set_viewport_size(size)
+                assert page.evaluate(MAP_PX) >= height_px
+                page.wait_for_function(VEHICLES_IN_VIEW)
+                assert findings(page) == []
         events = [EventPicture(i, float(i), 1.7e9, "information", "something happened") for i in range(1, 101)]
         served.send(events[0])
         expect(page.locator("#events li")).to_have_count(1)  # after the team, whose figures take room in the top bar

@@ -1,4 +1,4 @@
-/** Places for the labels of symbols: none covers another label or a symbol. A label without room is hidden. */
+/** Places for the labels of symbols: none covers another label, a symbol or a zone's name. A label without room is hidden. */
 
 const SYMBOL_PX = 14; // from its middle to its edge
 const GAP_PX = 4;
@@ -12,9 +12,11 @@ export const NO_PLACE = "none";
  * @param {{x: number, y: number, text: string, place: string, isKept: boolean}[]} symbols in pixels; `place` is the one
  *   that it has, which it keeps while there is room; a label that `isKept` is never hidden
  * @param {number[]} size of the map in pixels, width and height
+ * @param {{x: number, y: number, text: string}[]} names that stay where they are, by their middles
  */
-export function labelPlaces(symbols, [width, height]) {
+export function labelPlaces(symbols, [width, height], names) {
   const taken = symbols.map(({ x, y }) => box(x, y, SYMBOL_PX, SYMBOL_PX));
+  taken.push(...names.map(({ x, y, text }) => box(x, y, (text.length * CHARACTER_PX) / 2, HEIGHT_PX / 2)));
   return symbols.map((symbol, index) => {
     const others = taken.filter((_, other) => other !== index);
     const wanted = PLACES.toSorted((one, other) => (other === symbol.place) - (one === symbol.place));

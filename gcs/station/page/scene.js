@@ -20,6 +20,7 @@ import * as maplibre from "./vendor/maplibre-gl.mjs";
 const PADDING_PX = { top: 40, bottom: 50, left: 50, right: 110 }; // labels are on the right
 const ZOOM_MAX = 21.5;
 const TRAIL_EVERY_MS = 500;
+const WITHOUT_ZONES = "without-zones";
 const STYLE = { version: 8, sources: {}, layers: [] }; // the page draws the ground, `tiles.js` the tiles, `overlay.js` the rest
 
 maplibre.setWorkerUrl(import.meta.resolve("./vendor/maplibre-gl-worker.mjs")); // in a report it is not beside the library
@@ -267,12 +268,14 @@ export class Scene {
     const vehicles = [...kept, ...shown.filter((vehicle) => !isKept(vehicle))];
     const placed = vehicles.map((vehicle) => ({ ...this.symbols.get(vehicle.vehicle_id), position_m: vehicle.position_m }));
     targetsOf(this.team).forEach((target, number) => target && placed.push({ ...this.targets[number], position_m: target.position_m }));
+    const zones = this.map.getContainer().classList.contains(WITHOUT_ZONES) ? [] : this.zones;
     const places = labelPlaces(
       placed.map(({ label, root, position_m }, index) => {
         const { x, y } = this.map.project(this.frame.lonLat(position_m));
         return { x, y, text: label.textContent, place: root.dataset.place, isKept: index < kept.length };
       }),
       this.#size,
+      zones.map(({ root, marker }) => ({ ...this.map.project(marker.getLngLat()), text: root.textContent })),
     );
     placed.forEach(({ root }, index) => setAttribute(root, "data-place", places[index]));
   }
@@ -343,7 +346,7 @@ export class Scene {
 
   #switch(layer, isShown) {
     this.overlay.turn(layer, isShown);
-    if (layer === "zones") this.map.getContainer().classList.toggle("without-zones", !isShown);
+    if (layer === "zones") this.map.getContainer().classList.toggle(WITHOUT_ZONES, !isShown);
     if (layer === "labels") this.map.getContainer().classList.toggle("without-labels", !isShown);
   }
 
