@@ -268,20 +268,26 @@ def test_two_clicks_measure_and_copy_nothing(shown: Map, subtests: pytest.Subtes
         expect(page.locator("#measured")).to_contain_text(re.compile(r"m, 90\.0° from x"))
 
 
-def test_no_fly_zones_are_drawn_with_their_heights(open_page: OpenPage) -> None:
+def test_no_fly_zones_are_drawn_with_their_heights_and_names_that_no_label_covers(open_page: OpenPage) -> None:
     zones = (
         ZonePicture("school", ((20.0, 0.0), (30.0, 0.0), (30.0, 10.0), (20.0, 10.0)), ceiling_m=120.0),
-        ZonePicture("mast", center_m=(50.0, 0.0), radius_m=4.0, floor_m=10.0),
+        ZonePicture("mast", center_m=(41.0, -5.0), radius_m=4.0, floor_m=10.0),
     )
     still = ring_team(MISSION, 0.0)
     with CannedStation(replace(MISSION, zones=zones), lambda _time_s: still) as station:
         shown = opened(open_page(station.url), station)
         names = shown.page.locator(".zone-name")
         expect(names).to_have_text(["✕ school to 120 m", "✕ mast from 10 m"])
-        for name, middle in zip(names.all(), ((25.0, 5.0), (50.0, 0.0)), strict=True):
+        for name, middle in zip(names.all(), ((25.0, 5.0), (41.0, -5.0)), strict=True):
             box: Any = name.bounding_box()
             x, y = shown.pixel(*middle)
             assert hypot(box["x"] + box["width"] / 2.0 - x, box["y"] + box["height"] / 2.0 - y) < 4.0
+            label: Any = shown.page.locator(".symbol.target .label").bounding_box()
+            assert any(
+                low[way] + low[size] <= high[way]
+                for low, high in ((box, label), (label, box))
+                for way, size in (("x", "width"), ("y", "height"))
+            )
         inside, outside = (colour(shown, *at) for at in ((21.0, 9.0), (18.0, 9.0)))
         assert inside != outside
         shown.page.locator("#layers summary").click()
