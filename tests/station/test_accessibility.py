@@ -18,7 +18,7 @@ WIDE: Any = {"width": 1920, "height": 1080}
 PHONE: Any = {"width": 390, "height": 844}
 MISSION = ring_mission()
 TARGET_PX = 44
-MAP_HEIGHTS_PX: tuple[tuple[Any, float], ...] = ((PHONE, 140.0), ({"width": 1024, "height": 768}, 220.0))
+MAP_HEIGHTS_PX: tuple[tuple[Any, float], ...] = ((PHONE, 140.0), ({"width": 1024, "height": 768}, 200.0))
 """The least height of the map that is seen during two alarms, by the page's size."""
 MAP_PX = """() => {
   const [map, sheet] = ["map", "commands"].map((id) => document.getElementById(id).getBoundingClientRect());
@@ -42,7 +42,9 @@ def two_alarms(time_s: float) -> TeamPicture:
     """Return the same with a second alarm; both have long words."""
     also = ("link degraded", "peer doubtful", "vehicle 3 not following")
     alarm = {"severity": "alarm", "also": also, "advice": "not following is over: resume continues its mission"}
-    return changed(changed(every_state(time_s), 1, alert="waits for resume", **alarm), 2, alert="not following", **alarm)
+    return changed(
+        changed(every_state(time_s), 1, alert="waits for resume", **alarm), 2, alert="not following", **alarm
+    )
 
 
 def findings(page: Page, rules: str = "") -> list[str]:

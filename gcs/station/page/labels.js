@@ -1,9 +1,12 @@
-/** Places for the labels of symbols: none covers another label, a symbol or a zone's name. A label without room is hidden. */
+/** Places for the labels of symbols: none covers another label or a symbol, nor a name if there is room. A label without room is hidden. */
 
 const SYMBOL_PX = 14; // from its middle to its edge
 const GAP_PX = 4;
 const CHARACTER_PX = 9;
 const HEIGHT_PX = 24;
+const NAME_CHARACTER_PX = 8;
+const NAME_HEIGHT_PX = 20;
+const NAME_COST = 0.1; // of a label: that of a vehicle over a name is better than none
 const PLACES = ["right", "left", "above", "below"];
 export const NO_PLACE = "none";
 
@@ -12,27 +15,28 @@ export const NO_PLACE = "none";
  * @param {{x: number, y: number, text: string, place: string, isKept: boolean}[]} symbols in pixels; `place` is the one
  *   that it has, which it keeps while there is room; a label that `isKept` is never hidden
  * @param {number[]} size of the map in pixels, width and height
- * @param {{x: number, y: number, text: string}[]} names that stay where they are, by their middles
+ * @param {{x: number, y: number, text: string}[]} names of areas, by their middles, which stay where they are
  */
 export function labelPlaces(symbols, [width, height], names) {
   const taken = symbols.map(({ x, y }) => box(x, y, SYMBOL_PX, SYMBOL_PX));
-  taken.push(...names.map(({ x, y, text }) => box(x, y, (text.length * CHARACTER_PX) / 2, HEIGHT_PX / 2)));
+  const named = names.map(({ x, y, text }) => box(x, y, (text.length * NAME_CHARACTER_PX) / 2, NAME_HEIGHT_PX / 2));
   return symbols.map((symbol, index) => {
     const others = taken.filter((_, other) => other !== index);
     const wanted = PLACES.toSorted((one, other) => (other === symbol.place) - (one === symbol.place));
-    const cost = (place) => crowding(labelBox(symbol, place), others, width, height);
+    const cost = (place) => crowding(labelBox(symbol, place), others, named, width, height);
     const best = wanted.reduce((one, other) => (cost(other) < cost(one) ? other : one));
-    const place = symbol.isKept || cost(best) === 0 ? best : NO_PLACE;
+    const place = symbol.isKept || cost(best) < 1 ? best : NO_PLACE;
     if (place !== NO_PLACE) taken.push(labelBox(symbol, place));
     return place;
   });
 }
 
-/** How many boxes a box covers; one that leaves the map counts as covering all. */
-function crowding(label, others, width, height) {
+/** How many boxes a box covers, where a name counts little; one that leaves the map counts as covering all. */
+function crowding(label, others, named, width, height) {
   const [left, right, top, bottom] = label;
   const isInside = left > 0 && right < width && top > 0 && bottom < height;
-  return isInside ? others.filter((other) => overlap(label, other)).length : others.length + 1;
+  const covered = (boxes) => boxes.filter((other) => overlap(label, other)).length;
+  return isInside ? covered(others) + NAME_COST * covered(named) : others.length + 1;
 }
 
 function labelBox({ x, y, text }, place) {
