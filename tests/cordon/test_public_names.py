@@ -99,7 +99,9 @@ def test_the_types_that_a_planner_receives_are_public() -> None:
         waiting += (types & {*dir(cordon)}) - seen
         others |= types - {*dir(cordon), "Enum", "None", "Literal", "Mapping", "NDArray"}
     assert seen > {"Task", "Situation", "Tactic", "MemberState", "NeighbourAngle", "Polar", "TargetEstimate"}
-    assert others == {"Aircraft", "CommandedRing", "Drops", "RingChoice", "TargetPackage"}, "for cordon's own use"
+    assert others == {"Aircraft", "CommandedRing", "Drops", "Goal", "RingChoice", "TargetPackage"}, (
+        "for cordon's own use"
+    )
 
 
 def test_a_class_without_docstring_has_that_of_its_source(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

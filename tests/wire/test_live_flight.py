@@ -44,7 +44,7 @@ async def test_a_program_sees_and_commands_a_flight_to_its_end(tmp_path: Path) -
         resumed = await flight.command("resume", 2)
         await flight.until("encircle", within_s=30.0)
         widened = await flight.command("ring", radius=np.float64(11.0))
-        with pytest.raises(cordon.InputError, match="radius"):
+        with pytest.raises(cordon.InputError, match="speed_max_m_s"):
             await flight.command("ring", radius=80.0)
         result = await flight.complete()
         seen = [event async for event in flight.events()]

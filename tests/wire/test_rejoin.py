@@ -28,7 +28,7 @@ async def test_a_vehicle_that_landed_with_a_low_battery_comes_back_into_the_ring
     path, log = mission_file("case2", *UNLIKE, *NEAR_TARGET), tmp_path / "swap.mcap"
     async with (
         team_of(path) as team,
-        asyncio.timeout(PATIENCE_S),
+        asyncio.timeout(2.0 * PATIENCE_S),
         running("fly", path, "--log", str(log), "--json") as flight,
     ):
         tracks = Tracks(team)
@@ -97,7 +97,7 @@ async def test_a_reserve_takes_over_before_a_battery_is_low(mission_file: Callab
     path, log = mission_file("case2", *NEAR_TARGET, IN_RESERVE), tmp_path / "reserve.mcap"
     async with (
         team_of(path) as team,
-        asyncio.timeout(PATIENCE_S),
+        asyncio.timeout(2.0 * PATIENCE_S),
         running("fly", path, "--log", str(log), "--json") as flight,
     ):
         tracks, flown = Tracks(team), [team.vehicles[i] for i in ALL]
