@@ -100,6 +100,7 @@ class Team:
         if member is not None:
             self._lost[vehicle_id] = member
             self._all = self._near = None
+            self.ring.changed()
 
     def expire(self, now_s: float, time_scale: float = 1.0) -> None:
         """Drop messages that are too old; `time_scale` is mission seconds per wall second."""

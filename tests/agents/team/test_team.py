@@ -185,3 +185,11 @@ def test_a_peer_that_is_new_is_near_until_the_next_choice() -> None:
     team.watch([team.member(1)], 11.0)
     assert [each.sender for each in team.near()] == [1]
     assert [team.watch_due(now_s) for now_s in (10.5, 10.99, 11.0, 3.0)] == [False, False, True, True]
+
+
+def test_a_peer_that_leaves_without_a_place_on_the_ring_changes_who_comes_to_it() -> None:
+    team = a_team()
+    team.receive(member(3, 10.0, "encircle"))
+    before = team.ring.revision
+    team.forget(3)
+    assert team.ring.revision != before
