@@ -6,7 +6,7 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from contextlib import contextmanager
 from math import dist
 from pathlib import Path
@@ -105,11 +105,12 @@ async def test_vehicles_that_are_not_there_refuse_the_flight(tmp_path: Path) -> 
 
 
 async def test_a_flight_whose_process_is_killed_is_lost(tmp_path: Path) -> None:
+    before = processes()
+
     async def killed() -> None:
         async with flight_of(ring_mission(), tmp_path, 600.0) as flight:
             await flight.until("encircle", within_s=60.0)
-            (supervisor,) = psutil.Process().children()
-            (flying,) = (each for each in supervisor.children() if "gcs.flight.live_program" in each.cmdline())
+            _, flying = processes(after=before)
             flying.kill()
             await flight.until("hold")
 
@@ -118,12 +119,12 @@ async def test_a_flight_whose_process_is_killed_is_lost(tmp_path: Path) -> None:
 
 
 async def test_a_flight_whose_process_and_supervisor_are_killed_is_lost(tmp_path: Path) -> None:
-    flight = flight_of(ring_mission(), tmp_path, 600.0)
+    flight, before = flight_of(ring_mission(), tmp_path, 600.0), processes()
 
     async def killed() -> None:
         async with flight:
             await flight.until("encircle", within_s=60.0)
-            for each in processes():
+            for each in processes(after=before):
                 each.kill()
             await flight.complete()
 
@@ -135,10 +136,12 @@ async def test_a_flight_whose_process_and_supervisor_are_killed_is_lost(tmp_path
 
 
 async def test_a_process_that_is_killed_before_take_off_begins_no_flight(tmp_path: Path) -> None:
+    before = processes()
+
     async def kill() -> None:
-        while len(processes()) < 2:
+        while len(processes(after=before)) < 2:
             await asyncio.sleep(0.01)
-        processes()[-1].kill()
+        processes(after=before)[-1].kill()
 
     killing = asyncio.create_task(kill())
     with pytest.raises(cordon.VehicleRefusedError, match="ended before the vehicles took off"):
@@ -147,10 +150,13 @@ async def test_a_process_that_is_killed_before_take_off_begins_no_flight(tmp_pat
     await killing
 
 
-def processes() -> list[psutil.Process]:
-    """Return the supervisor and the flying process of this program's flight, as far as they run."""
+def processes(after: Collection[psutil.Process] = ()) -> list[psutil.Process]:
+    """Return the supervisors and flying processes of this program's flights that run, but those of `after`.
+
+    A flight is over for its program before its processes have ended.
+    """
     children = psutil.Process().children(recursive=True)
-    return [each for each in children if "gcs.flight.live_program" in _arguments(each)]
+    return [each for each in children if "gcs.flight.live_program" in _arguments(each) and each not in after]
 
 
 PROGRAM = """
