@@ -3,7 +3,7 @@
 import asyncio
 import os
 from collections.abc import Awaitable, Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
@@ -126,6 +126,7 @@ def _require_regular(option: str, *paths: Path) -> None:
 
 def _serve_teams(access: "Access", options: StationOptions, ending: _Ending) -> Exit:
     from gcs.checklist import Checklist
+    from gcs.station.access import camera_origins
     from gcs.station.broadcast import Broadcast
     from gcs.station.commands import Commands
     from gcs.station.live_team import LiveTeam
@@ -140,6 +141,8 @@ def _serve_teams(access: "Access", options: StationOptions, ending: _Ending) -> 
         raise InputError([f"--mission: two missions are of team {twice[0]}: give each another team in [network]"])
     tiles = _tiles(options.tiles, origin_deg(missions[0]))
     teams = [LiveTeam(each, options.vehicles or "unstated") for each in missions]
+    streams = [each.section.camera_url or "" for mission in missions for each in mission.vehicles]
+    access = replace(access, cameras=camera_origins(streams))
 
     def served(mission: "Mission", team: LiveTeam) -> ServedTeam:
         def commands(broadcast: Broadcast) -> Commands:

@@ -13,10 +13,12 @@ foreseen: scripts that another program has left in the browser, at an origin tha
 import asyncio
 import hashlib
 import hmac
+import re
 import secrets
 import socket
 import ssl
 from collections import OrderedDict
+from collections.abc import Iterable
 from contextlib import suppress
 from dataclasses import dataclass
 from ipaddress import ip_address
@@ -45,12 +47,8 @@ _NUMERIC_LOOPBACK = ("127.0.0.1", "::1")
 _LOOPBACK = frozenset({"localhost", *_NUMERIC_LOOPBACK})
 _OWN_NAMES = ".localhost"
 """Browsers resolve every name that ends so to this computer, and none can be bound to another (RFC 6761)."""
+_STREAM_ORIGIN = re.compile(r"https?://[\w.:\[\]-]+(?=[/?#]|$)", re.ASCII | re.IGNORECASE)
 _HEADERS = {
-    "Content-Security-Policy": (
-        "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' data: blob:; connect-src 'self';"
-        " worker-src 'self'; font-src 'self'; media-src 'self'; base-uri 'none'; form-action 'none';"
-        " frame-ancestors 'none'"
-    ),
     "X-Content-Type-Options": "nosniff",
     "Referrer-Policy": "no-referrer",
     "Cross-Origin-Opener-Policy": "same-origin",
@@ -89,6 +87,7 @@ class Access:
     """Where the server listens, by which certificate and key (PEM files), and the secret that opens the page.
 
     `salt` is that of a secret derived from a token, `name` the host name of the page's own origin; both may be empty.
+    `cameras` are the origins whose pictures the page shows beside its own.
     """
 
     address: Address
@@ -96,6 +95,17 @@ class Access:
     tls: tuple[Path, Path] | None = None
     salt: str = ""
     name: str = ""
+    cameras: tuple[str, ...] = ()
+
+    @property
+    def content_policy(self) -> str:
+        """The Content-Security-Policy of the page."""
+        pictures = " ".join(("'self' data: blob:", *self.cameras))
+        return (
+            f"default-src 'none'; script-src 'self'; style-src 'self'; img-src {pictures}; connect-src 'self';"
+            " worker-src 'self'; font-src 'self'; media-src 'self'; base-uri 'none'; form-action 'none';"
+            " frame-ancestors 'none'"
+        )
 
     @property
     def origin(self) -> str:
@@ -134,6 +144,14 @@ class Access:
             return name in own or name.endswith(_OWN_NAMES)
         computer = socket.gethostname().lower()
         return name in own | {computer, f"{computer}.local"} or _is_number(name)
+
+
+def camera_origins(addresses: Iterable[str]) -> tuple[str, ...]:
+    """Return the origins of cameras' streams that a browser can show as a picture: those by HTTP.
+
+    An empty address is none, and one whose host is no name would change the policy.
+    """
+    return tuple(sorted({found[0] for each in addresses if (found := _STREAM_ORIGIN.match(each))}))
 
 
 def checked_access(address: Address, token: str | None, tls: tuple[Path, Path] | None) -> Access:
@@ -200,6 +218,7 @@ class AccessGate:
                 headers = MutableHeaders(scope=message)
                 headers.setdefault("Cache-Control", "no-cache")
                 headers.update(_HEADERS)
+                headers["Content-Security-Policy"] = self._access.content_policy
             await send(message)
 
         headers = Headers(scope=scope)

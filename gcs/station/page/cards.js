@@ -1,5 +1,6 @@
 /** Cards: one per vehicle, the gravest trouble first. */
 
+import { cameraParts } from "./camera.js";
 import { byId, element, SEVERITIES, setAttribute, setText } from "./dom.js";
 import { actWhenHeld } from "./hold_button.js";
 import { copyOnClick, placeText } from "./places.js";
@@ -97,8 +98,7 @@ export class Cards {
       return element("div", { class: isCopied ? "wide" : BRIEF.includes(name) && "brief" }, element("dt", {}, label), value);
     });
     actWhenHeld(parts.recovered, () => this.send({ kind: "recovered", vehicle_id: id }));
-    const stream = { class: "stream", href: planned.camera_url, target: "_blank", rel: "noopener noreferrer" };
-    const camera = planned.camera_url ? [element("a", stream, `Camera of vehicle ${id}`)] : [];
+    const camera = planned.camera_url ? cameraParts(planned, this.mission) : [];
     const head = element("div", { class: "card-head" }, title, select);
     const item = element("li", { class: "card", "data-vehicle": id, "aria-labelledby": `card-${id}` });
     item.append(head, parts.headline, parts.due, parts.advice, parts.recovered, ...camera, element("dl", {}, ...values));

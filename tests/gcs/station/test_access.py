@@ -7,7 +7,7 @@ import pytest
 
 from gcs.errors import InputError
 from gcs.keys.certificates import CertificateAuthority
-from gcs.station.access import Access, checked_access, derived_secret, read_token
+from gcs.station.access import Access, camera_origins, checked_access, derived_secret, read_token
 from gcs.viewer.origin_gate import Address
 
 TOKEN = "0123456789abcdef"
@@ -98,3 +98,17 @@ def test_a_token_is_long_and_closed_to_others(tmp_path: Path) -> None:
 )
 def test_only_names_of_this_computer_count(address: Address, hosts: list[str], is_named: bool) -> None:
     assert Access(address, TOKEN).is_named(hosts) is is_named
+
+
+def test_the_page_shows_pictures_of_its_missions_cameras_alone() -> None:
+    streams = [
+        "http://10.0.0.7:8080/video?a=b",
+        "",
+        "rtsp://10.0.0.8/main",
+        "https://[fd00::1]/x",
+        "http://a;script-src/",
+    ]
+    access = Access(HERE, TOKEN, cameras=camera_origins(streams))
+    policy = dict(part.strip().split(" ", 1) for part in access.content_policy.split(";"))
+    assert policy["img-src"] == "'self' data: blob: http://10.0.0.7:8080 https://[fd00::1]"
+    assert policy["script-src"] == policy["connect-src"] == "'self'"

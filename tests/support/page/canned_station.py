@@ -5,6 +5,7 @@ import threading
 import time
 from collections.abc import Callable
 from contextlib import suppress
+from dataclasses import replace
 from pathlib import Path
 from types import TracebackType
 from typing import Self
@@ -16,7 +17,7 @@ from websockets.exceptions import ConnectionClosed
 from websockets.http11 import Request, Response
 from websockets.sync.server import Server, ServerConnection, serve
 
-from gcs.station.access import Access, Challenge, Entered, Hello, Proof
+from gcs.station.access import Access, Challenge, Entered, Hello, Proof, camera_origins
 from gcs.station.picture import (
     AnswerPicture,
     ChecklistPicture,
@@ -38,10 +39,6 @@ from tests.support.wire import PATIENCE_S, until_now
 PAGE = ROOT / "gcs" / "station" / "page"
 RATE_HZ = 5.0
 """Half a station's rate: without a graphics card each picture on the map takes much processor time."""
-POLICY = (
-    "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' data:; connect-src 'self'; "
-    "worker-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
-)
 
 MARK = "mark"
 
@@ -202,15 +199,17 @@ class CannedStation:
         if path == "/stream" and not self.is_refusing:
             return None
         if path == "/flight.json" and self.flight is not None:
-            return _response(200, "application/json", msgspec.json.encode(self.flight))
+            return self._response(200, "application/json", msgspec.json.encode(self.flight))
         file = self._page / (path.lstrip("/") or "index.html")
         if not file.is_file():
-            return _response(404, "text/plain", b"not here")
-        return _response(200, mimetypes.guess_type(file.name)[0] or "text/plain", file.read_bytes())
+            return self._response(404, "text/plain", b"not here")
+        return self._response(200, mimetypes.guess_type(file.name)[0] or "text/plain", file.read_bytes())
 
-
-def _response(status: int, kind: str, body: bytes) -> Response:
-    headers = Headers({"Content-Type": kind, "Content-Length": str(len(body)), "Content-Security-Policy": POLICY})
-    if status == 200 and kind not in ("text/html", "application/json"):
-        headers["Cache-Control"] = "max-age=3600"  # a page that is reloaded takes its scripts from the cache
-    return Response(status, "", headers, body)
+    def _response(self, status: int, kind: str, body: bytes) -> Response:
+        planned = [] if self.mission is None else self.mission.vehicles
+        access = replace(self._access, cameras=camera_origins(each.camera_url for each in planned))
+        headers = Headers({"Content-Type": kind, "Content-Length": str(len(body))})
+        headers["Content-Security-Policy"] = access.content_policy
+        if status == 200 and kind not in ("text/html", "application/json"):
+            headers["Cache-Control"] = "max-age=3600"  # a page that is reloaded takes its scripts from the cache
+        return Response(status, "", headers, body)
