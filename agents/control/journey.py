@@ -10,16 +10,13 @@ from typing import Final, NamedTuple
 
 from agents.control.aims import along
 from agents.control.plan import Plan
-from agents.control.return_and_land import ARRIVED_M, ARRIVED_M_S
+from agents.control.return_and_land import ARRIVED_M, ARRIVED_M_S, WAY_EXTRA_S, WAY_SPEED_SHARE
 from agents.safety.routes import way_of
 from agents.settings.config import AgentConfig
 from agents.situation.situation import Situation
 from agents.team.messages import Goal
 from estimation.state import POSITION, VELOCITY
 from estimation.vectors import Pair
-
-SPEED_SHARE, EXTRA_S = 0.4, 30.0
-"""A way that takes longer than at this share of the largest speed, and this time, is given up."""
 
 
 class JourneyEnd(NamedTuple):
@@ -53,7 +50,7 @@ class Journey:
         next_m = self.goal_m if self._way is None else self._way.next_m((x, y), self.goal_m)
         if self._until_s is None:
             way_m = max(dist((x, y), self.goal_m), 0.0 if self._way is None else self._way.length_m)
-            self._until_s = situation.now_s + way_m / (SPEED_SHARE * self._speed_m_s) + EXTRA_S
+            self._until_s = situation.now_s + way_m / (WAY_SPEED_SHARE * self._speed_m_s) + WAY_EXTRA_S
         return along(situation, next_m, self._plant, self._speed_m_s)
 
     def end(self, situation: Situation, stopped_by: str) -> JourneyEnd | None:

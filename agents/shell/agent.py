@@ -17,6 +17,7 @@ from agents.inputs import (
     Computer,
     Ground,
     Killed,
+    Lying,
     Message,
     Presence,
     Rejoined,
@@ -356,6 +357,10 @@ class Agent:
     def note_computer(self, short_of: str) -> None:
         """Take the resource that this computer is short of, empty if none."""
         self._core.take(Computer(short_of))
+
+    def note_lying(self, vehicle_id: int, position_m: tuple[float, float]) -> None:
+        """Take where another vehicle of the mission lies on the ground, which does not fly."""
+        self._core.take(Lying(vehicle_id, position_m))
 
     async def close(self) -> None:
         """Leave the bus and release the link."""
