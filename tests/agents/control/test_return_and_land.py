@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from agents.control.return_and_land import ASIDE_AFTER_S, assembled
+from agents.control.return_and_land import ASIDE_AFTER_S, WAY_EXTRA_S, assembled
 from agents.core import VehicleCore
 from agents.inputs import Command, Lying, Message, Start, TacticEvent
 from agents.notes import Note
@@ -257,16 +257,18 @@ def test_it_lands_at_its_start_if_the_pilot_leaves_in_time(make_config: MakeConf
 def test_it_chooses_anew_when_the_pilot_follows_it(make_config: MakeConfig) -> None:
     sky = above_a_pilot(make_config)
     returning = sky.flyers[2]
-    goals: set[tuple[float, float]] = set()
+    goals, first_s = set[tuple[float, float]](), 0.0
     for _ in range(4000):
         sky.step()
         if (goal := returning.core._planner.goal) is not None and len(goals) < 3:
+            first_s = first_s if goals else sky.now_s
             goals.add((goal.x_m, goal.y_m))
             if len(goals) < 3:  # until its third choice the pilot goes where it goes
                 pilot_goes(sky, 1, (goal.x_m, goal.y_m))
         if returning.core.tactic is Tactic.LAND:
             break
     assert len(goals) == 3
+    assert sky.now_s - first_s < WAY_EXTRA_S, "it chooses at once, not when its way takes too long"
     assert landed(sky) > 2.5
 
 
