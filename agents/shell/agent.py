@@ -270,7 +270,7 @@ class Agent:
     def stand_by(self, duration_s: float) -> None:
         """Stay on the ground in reserve, until `fly_again`, during a mission of this duration."""
         self.in_reserve = True
-        self._reporter.wait(None)
+        self._reporter.stand_by()
         self._start_agreement.bound(duration_s)
         self._report(UNUSED)
         self._happen(LifeEvent.STAND_BY)

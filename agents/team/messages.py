@@ -463,7 +463,8 @@ class VehicleReport(msgspec.Struct, frozen=True):
     ended without a report that it is down, or that fell; None for all others. `position_m` is sent before the first
     state: on the ground and in take-off. While it waits on the ground for an operator's start, `start_blockers` forbid
     the start, empty if nothing does, and `clock_off_s` is the largest offset of a peer's computer's clock from its own
-    [wall s]. `outlook` is None while nothing is due. Unknown values are None, or empty.
+    [wall s]. `outlook` is None while nothing is due. A vehicle `in_reserve` stays on the ground: it has `ended`,
+    and its flight has not begun; earlier versions do not send that. Unknown values are None, or empty.
     """
 
     sender: VehicleId
@@ -487,6 +488,7 @@ class VehicleReport(msgspec.Struct, frozen=True):
     outlook: Annotated[Outlook | None, Added(4)] = None
     unaccounted_m: Annotated[tuple[_Metres, _Metres, _Metres] | None, Added(5)] = None
     position_m: Annotated[tuple[_Metres, _Metres, _Metres] | None, Added(7)] = None
+    in_reserve: Annotated[bool | None, Added(9)] = None
 
     @property
     def is_link_cut(self) -> bool:

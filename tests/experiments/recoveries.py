@@ -88,7 +88,9 @@ async def flown(seed: int, folder: Path, *, troubled: bool) -> Recovery:
     name = f"seed {seed}, " + (f"a pilot flies {pilot}, {fallen} has fallen" if troubled else "all in the air")
     count = {how: ends.count(how) for how in ends}
     sidesteps = "".join(f"; {i} landed aside, {team.off_start_m(i):.2f} m from its start" for i in aside)
-    return Recovery(name, team.least_m, team.least_level_m, result["duration_s"], count, off_m, sidesteps, tuple(faults))
+    return Recovery(
+        name, team.least_m, team.least_level_m, result["duration_s"], count, off_m, sidesteps, tuple(faults)
+    )
 
 
 def _is_near(team: Team, i: int, places_m: list[tuple[float, ...]]) -> bool:
