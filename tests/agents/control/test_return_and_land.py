@@ -272,6 +272,25 @@ def test_it_chooses_anew_when_the_pilot_follows_it(make_config: MakeConfig) -> N
     assert landed(sky) > 2.5
 
 
+@pytest.mark.parametrize("earlier", [True, False])
+def test_of_two_that_choose_one_place_the_later_in_the_landing_order_chooses_anew(
+    make_config: MakeConfig, earlier: bool
+) -> None:
+    sky = above_a_pilot(make_config, landing_order=(3, 2, 1) if earlier else (2, 3, 1))
+    core = sky.flyers[2].core
+    while (chosen := core._planner.goal) is None:
+        sky.step()
+        assert sky.now_s < 300.0
+    for _ in range(15):
+        far, still = (30.0, 30.0), (0.0, 0.0)
+        state = MemberState(3, sky.now_s, "return and land", far, still, far, still, 17.0, goal=chosen)
+        core.take(Message(sky.now_s, state))
+        sky.step()
+    anew = core._planner.goal
+    assert anew is not None
+    assert (dist((anew.x_m, anew.y_m), (chosen.x_m, chosen.y_m)) > 2.9) is earlier
+
+
 def test_without_a_free_place_it_waits(make_config: MakeConfig) -> None:
     narrow_m = ((-2.5, -5.5), (2.5, -5.5), (2.5, 5.5), (-2.5, 5.5))
     sky = Sky(make_config, {1: (0.0, 1.0), 2: (0.0, -1.5)}, fence_m=narrow_m, **RETURN)
