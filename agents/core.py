@@ -265,8 +265,10 @@ class VehicleCore:
     def _follow_journey(self, situation: Situation) -> None:
         """End the way to a place: there, when a failsafe stops the vehicle, or when it takes too long."""
         journey = self._planner.journey
-        end = None if journey is None else journey.end(situation, self.alert if self._failsafe.stops else "")
-        if journey is None or end is None:
+        if journey is None:
+            return
+        end = journey.end(situation, self._team.members(), self.alert if self._failsafe.stops else "")
+        if end is None:
             return
         self._planner.stay(journey.goal_m if end.has_arrived else None)
         lands, obstacle = end.has_arrived and journey.place.lands, None
@@ -320,7 +322,7 @@ class VehicleCore:
         self._planner.sent(guarded=guarded.status is not GuardStatus.PASSED)
         self._estimator.sent(now_s, aim_m)
         sent = shifted(plan, aim_m)
-        self._broadcast.goal = self._planner.goal
+        self._broadcast.goal, self._broadcast.goal_s = self._planner.goal, self._planner.goal_s
         messages = self._broadcast.messages(task, sent, self.alert, self._reshaping, self._drops)
         return self._output(now_s, setpoint, messages, task.situation, sent, guarded)
 
@@ -690,7 +692,8 @@ class VehicleCore:
             self._change(effect.event, cause=LandingCause(verb=command.verb, origin=command.origin))
         self._is_cut_in_air = self.commands.kills and (self._is_cut_in_air or self._vehicle.status.in_air)
         if effect.goes_to is not None:
-            self._planner.go(Journey(self._config, effect.goes_to, command.origin, self._altitude.setpoint_m))
+            height_m = self._altitude.setpoint_m
+            self._planner.go(Journey(self._config, effect.goes_to, command.origin, command.time_s, height_m))
         elif effect.stays and self._planner.journey is not None:
             self._planner.stay()
         self._follow_commands()

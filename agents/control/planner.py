@@ -93,6 +93,11 @@ class Planner:
         """The place that the vehicle is on its way to, apart from its start: others keep away from it."""
         return self._homing.goal if self.journey is None else self.journey.place
 
+    @property
+    def goal_s(self) -> float | None:
+        """When an operator sent it to its goal; None for a place to land aside, before which no way of others comes."""
+        return None if self.journey is None else self.journey.sent_s
+
     def start(self, at_s: float) -> None:
         """Begin the mission line, or the programme of an identification flight, at `at_s`."""
         self._station.start(at_s)

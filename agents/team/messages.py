@@ -248,7 +248,8 @@ class MemberState(msgspec.Struct, frozen=True, array_like=True):
     that operators commanded last, at `shaped_s`; None is the mission's. `drops` are the messages that it has dropped so
     far. `ring` is the ring that operators commanded. In a mission of several rings `choice` has it, and more.
     `traffic` are aircraft that its autopilot receives, once a second, and `goal` is the place that it is on its way to,
-    None without one. These four, drops and sightings are for cordon's own use.
+    None without one, and `goal_s` when an operator sent it there. These five, drops and sightings are for cordon's own
+    use.
     """
 
     sender: VehicleId
@@ -270,6 +271,7 @@ class MemberState(msgspec.Struct, frozen=True, array_like=True):
     choice: Annotated[RingChoice | None, Added(2)] = None
     traffic: Annotated[Annotated[tuple[Aircraft, ...], msgspec.Meta(max_length=TRAFFIC_MAX)] | None, Added(3)] = None
     goal: Annotated[Goal | None, Added(4)] = None
+    goal_s: Annotated[TimeS | None, Added(5)] = None
 
 
 class MissionIdentity(msgspec.Struct, frozen=True, array_like=True):
