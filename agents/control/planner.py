@@ -19,7 +19,7 @@ from agents.notes import LandingAside
 from agents.ring.place import ring_place, weights_of
 from agents.ring.reference import RingPoint
 from agents.ring.transition import ShapedCoordinate
-from agents.safety.landing import Obstacle, OtherVehicles
+from agents.safety.landing import InTheWay, OtherVehicles
 from agents.settings.config import AgentConfig
 from agents.situation.situation import Situation
 from agents.situation.task import Task
@@ -80,7 +80,7 @@ class Planner:
         """Return whether the return is over: see `Homing.may_land`."""
         return self._homing.may_land(situation, others, time_scale)
 
-    def landing_obstacle(self, situation: Situation, others: OtherVehicles) -> Obstacle | None:
+    def landing_obstacle(self, situation: Situation, others: OtherVehicles) -> InTheWay | None:
         """Return a vehicle past or onto which this one would land where it is, None if the place is free."""
         return self._homing.obstacle(situation, others)
 

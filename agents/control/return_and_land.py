@@ -16,7 +16,7 @@ import numpy as np
 from agents.control.aims import along
 from agents.control.plan import Plan
 from agents.notes import LandingAside
-from agents.safety.landing import LandingPlaces, Obstacle, OtherVehicles
+from agents.safety.landing import InTheWay, LandingPlaces, OtherVehicles
 from agents.safety.routes import way_of
 from agents.settings.config import AgentConfig
 from agents.situation.situation import Situation
@@ -131,11 +131,11 @@ class Homing:
         news, self._news = self._news, None
         return news
 
-    def obstacle(self, situation: Situation, others: OtherVehicles) -> Obstacle | None:
+    def obstacle(self, situation: Situation, others: OtherVehicles) -> InTheWay | None:
         """Return a vehicle past or onto which it would land where it is, None if the place is free."""
         return self._places.obstacle(_here_m(situation), situation, others)
 
-    def _obstacle_here(self, situation: Situation, others: OtherVehicles) -> Obstacle | None:
+    def _obstacle_here(self, situation: Situation, others: OtherVehicles) -> InTheWay | None:
         """Return that at its landing place, if it is there, or where it is."""
         at_goal = self._places.obstacle(self._goal_m, situation, others) if self._there(situation) else None
         return at_goal or self.obstacle(situation, others)
@@ -152,7 +152,7 @@ class Homing:
             return False
         return not any(self._waits_for(*each, near_m) for each in known)
 
-    def _wait_or_evade(self, place_m: Pair, obstacle: Obstacle, situation: Situation, others: OtherVehicles) -> None:
+    def _wait_or_evade(self, place_m: Pair, obstacle: InTheWay, situation: Situation, others: OtherVehicles) -> None:
         """Wait for a landing place to become free; then choose the free place that is nearest to it."""
         now_s = situation.now_s
         if self._hindered_s is None:
@@ -173,13 +173,13 @@ class Homing:
         wanted_m = self._goal_m
         obstacle = self._places.obstacle(aside_m, situation, others) or self._chosen_by_other(aside_m, others)
         if obstacle is None and situation.now_s > self._aside_until_s:
-            wanted_m, obstacle = _here_m(situation), Obstacle("the former place is out of reach")
+            wanted_m, obstacle = _here_m(situation), InTheWay("the former place is out of reach")
         if obstacle is None:
             return self._there(situation) and self.obstacle(situation, others) is None
         self._wait_or_evade(wanted_m, obstacle, situation, others)
         return False
 
-    def _chosen_by_other(self, aside_m: Pair, others: OtherVehicles) -> Obstacle | None:
+    def _chosen_by_other(self, aside_m: Pair, others: OtherVehicles) -> InTheWay | None:
         """Return a vehicle that lands before this one, and has chosen about the same place at the same time."""
         order = self._config.landing_order
         for peer in others.members:
@@ -187,7 +187,7 @@ class Homing:
                 continue
             away_m = dist((peer.goal.x_m, peer.goal.y_m), aside_m)
             if away_m < self._config.safety.separation_m:
-                return Obstacle(f"vehicle {peer.sender} goes to a place {away_m:.1f} m away")
+                return InTheWay(f"vehicle {peer.sender} goes to a place {away_m:.1f} m away")
         return None
 
     def _there(self, situation: Situation) -> bool:

@@ -46,7 +46,7 @@ class OtherVehicles(NamedTuple):
     lying_m: Mapping[int, Pair]
 
 
-class Obstacle(NamedTuple):
+class InTheWay(NamedTuple):
     """A vehicle past or onto which another must not land, as text, and whether it is on its way down."""
 
     text: str
@@ -64,12 +64,12 @@ class LandingPlaces:
         self._others_m = [spot_m for _, spot_m in config.others_landing_places_m]
         self._keep_m = ASIDE * config.safety.separation_m
 
-    def obstacle(self, place_m: Pair, situation: Situation, others: OtherVehicles) -> Obstacle | None:
+    def obstacle(self, place_m: Pair, situation: Situation, others: OtherVehicles) -> InTheWay | None:
         """Return a vehicle past or onto which this one would land at a place; None if the place is free.
 
         One that is only about to be down comes last.
         """
-        last: Obstacle | None = None
+        last: InTheWay | None = None
         for member in others.members:
             if member.tactic in (_PILOTED, _LANDS) and self._is_in_the_way(member, place_m, situation):
                 found = _obstacle(member.sender, dist(member.position_m, place_m), member.tactic)
@@ -153,6 +153,6 @@ class LandingPlaces:
         return min(unsure_m(sigmas, situation.position_sigma_m, member.position_sigma_m), self._separation_m)
 
 
-def _obstacle(vehicle_id: int, away_m: float, what: str) -> Obstacle:
+def _obstacle(vehicle_id: int, away_m: float, what: str) -> InTheWay:
     does = {_PILOTED: "is flown by a pilot there", _LANDS: "lands there"}.get(what, what)
-    return Obstacle(f"vehicle {vehicle_id} {does}, {away_m:.1f} m away", what == _LANDS)
+    return InTheWay(f"vehicle {vehicle_id} {does}, {away_m:.1f} m away", what == _LANDS)
