@@ -37,7 +37,8 @@ class StateBroadcast:
 
     `often` is set while another vehicle is, or soon comes, close enough to need states at the full rate.
     `commanded_rings` are the rings that operators commanded, by their numbers, empty if they did not, `ring` is the
-    number of the vehicle's own, None for none, `goal` the place that it is on its way to.
+    number of the vehicle's own, None for none, `goal` the place that it is on its way to, and `goal_s` when it was
+    sent there.
     """
 
     def __init__(
@@ -61,6 +62,7 @@ class StateBroadcast:
         self.ring: int | None = None
         self.commanded_rings: tuple[CommandedRing, ...] = ()
         self.goal: Goal | None = None
+        self.goal_s: float | None = None
 
     def messages(
         self, task: Task, sent: Plan, alert: str, reshaping: Reshaping | None, drops: Drops
@@ -122,6 +124,7 @@ class StateBroadcast:
             self.commanded_rings[0] if self._chooser is None and self.commanded_rings else None,
             None if self._chooser is None else RingChoice(self.ring, commanded=self.commanded_rings),
             goal=self.goal,
+            goal_s=self.goal_s,
         )
 
     def _sightings(self, situation: Situation) -> tuple[TargetPackage, ...]:

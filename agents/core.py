@@ -30,6 +30,7 @@ from agents.inputs import (
     Ground,
     Killed,
     LateTicks,
+    Lying,
     Message,
     Presence,
     ReceivedInput,
@@ -57,6 +58,7 @@ from agents.safety.failsafe import POSITION_ALERTS, override
 from agents.safety.failsafe_monitor import FailsafeMonitor
 from agents.safety.fault_detector import FaultDetector, Faults
 from agents.safety.guard import Guard, Guarded, GuardStatus, Interventions
+from agents.safety.landing import OtherVehicles
 from agents.safety.neighbours import NEAR_FOR_S, Neighbours
 from agents.safety.traffic import KnownTraffic
 from agents.setpoint import STAYS, Altitude, FeedForward, SlewLimit, Yaw
@@ -81,6 +83,7 @@ from agents.team.messages import (
 )
 from agents.team.team import Team
 from estimation.state import POSITION, Sighting, TargetEstimate, Telemetry, Vector
+from estimation.vectors import Pair
 
 _NOTHING_DUE = Outlook()
 _CHOOSES = (Tactic.STANDBY, Tactic.FORMATION, Tactic.ENCIRCLE, Tactic.TRANSIT)
@@ -105,6 +108,7 @@ class VehicleCore:
         self._answers: list[CommandAnswer] = []
         self._revoked: tuple[str, ...] = ()
         self._now_s = 0.0
+        self._lying_m: dict[int, Pair] = {}
         self._begin(config)
         self._takes: dict[type, Callable[[Any], None]] = {
             TimeScale: self._take_time_scale,
@@ -123,6 +127,7 @@ class VehicleCore:
             Killed: self._take_killed,
             Rejoined: self._take_rejoined,
             Presence: self._take_presence,
+            Lying: self._take_lying,
         }
 
     def _begin(self, config: AgentConfig) -> None:
@@ -260,13 +265,19 @@ class VehicleCore:
     def _follow_journey(self, situation: Situation) -> None:
         """End the way to a place: there, when a failsafe stops the vehicle, or when it takes too long."""
         journey = self._planner.journey
-        end = None if journey is None else journey.end(situation, self.alert if self._failsafe.stops else "")
-        if journey is None or end is None:
+        if journey is None:
+            return
+        end = journey.end(situation, self._team.members(), self.alert if self._failsafe.stops else "")
+        if end is None:
             return
         self._planner.stay(journey.goal_m if end.has_arrived else None)
-        outcome = CommandOutcome("goto", journey.origin, end.did, is_refused=not end.has_arrived)
-        self._notes.add(self._now_s, outcome)
-        if end.has_arrived and journey.place.lands:
+        lands, obstacle = end.has_arrived and journey.place.lands, None
+        if lands:
+            obstacle = self._planner.landing_obstacle(situation, self._other_vehicles())
+        did = end.did if obstacle is None else f"has arrived, and holds, does not land: {obstacle.text}"
+        is_refused = not end.has_arrived or obstacle is not None
+        self._notes.add(self._now_s, CommandOutcome("goto", journey.origin, did, is_refused=is_refused))
+        if lands and obstacle is None:
             self._change(Event.LAND, cause=LandingCause(verb="goto", origin=journey.origin))
 
     def _plan(self, task: Task) -> Plan:
@@ -311,8 +322,7 @@ class VehicleCore:
         self._planner.sent(guarded=guarded.status is not GuardStatus.PASSED)
         self._estimator.sent(now_s, aim_m)
         sent = shifted(plan, aim_m)
-        journey = self._planner.journey
-        self._broadcast.goal = None if journey is None else journey.place
+        self._broadcast.goal, self._broadcast.goal_s = self._planner.goal, self._planner.goal_s
         messages = self._broadcast.messages(task, sent, self.alert, self._reshaping, self._drops)
         return self._output(now_s, setpoint, messages, task.situation, sent, guarded)
 
@@ -402,8 +412,15 @@ class VehicleCore:
         if self._tactic is Tactic.TRANSIT and target is not None and self._planner.arrived:
             self._change(Event.ENGAGE, self._reasons(target, place_m))
             self._planner.engage(now_s, place_m)
-        if self._tactic is Tactic.RETURN_AND_LAND and self._planner.may_land(situation, self._time_scale):
-            self._change(Event.LAND)
+        if self._tactic is Tactic.RETURN_AND_LAND:
+            if self._planner.may_land(situation, self._other_vehicles(), self._time_scale):
+                self._change(Event.LAND)
+            if (news := self._planner.landing_news()) is not None:
+                self._notes.add(now_s, news)
+
+    def _other_vehicles(self) -> OtherVehicles:
+        """Return the others as one that lands knows them: one that fell silent stays where it was."""
+        return OtherVehicles(self._team.members(), self._team.lost(self._now_s, inf), self._lying_m)
 
     def _engages(self, target: TargetEstimate, place_m: Vector) -> bool:
         """Return whether a vehicle in formation leaves it: for its only ring by the rule, for one of several if it has
@@ -613,6 +630,7 @@ class VehicleCore:
         return True
 
     def _take_state(self, state: MemberState) -> None:
+        self._lying_m.pop(state.sender, None)
         self._receive_sightings(state)
         self._team.receive(state)
         self._traffic.hear(state.traffic or ())
@@ -651,6 +669,9 @@ class VehicleCore:
         if not item.present:
             self._team.forget(item.vehicle_id)
 
+    def _take_lying(self, item: Lying) -> None:
+        self._lying_m[item.vehicle_id] = item.position_m
+
     def _command(self, command: OperatorCommand, now_s: float, age_s: float = 0.0) -> None:
         self._now_s = now_s
         if command.verb not in _GOES_ON and command.vehicle in (None, self._config.vehicle_id):
@@ -671,7 +692,8 @@ class VehicleCore:
             self._change(effect.event, cause=LandingCause(verb=command.verb, origin=command.origin))
         self._is_cut_in_air = self.commands.kills and (self._is_cut_in_air or self._vehicle.status.in_air)
         if effect.goes_to is not None:
-            self._planner.go(Journey(self._config, effect.goes_to, command.origin, self._altitude.setpoint_m))
+            height_m = self._altitude.setpoint_m
+            self._planner.go(Journey(self._config, effect.goes_to, command.origin, command.time_s, height_m))
         elif effect.stays and self._planner.journey is not None:
             self._planner.stay()
         self._follow_commands()

@@ -202,6 +202,17 @@ class Presence(_Input, frozen=True):
         return f"vehicle {self.vehicle_id} {'joined' if self.present else 'left'} the bus"
 
 
+class Lying(_Input, frozen=True):
+    """Another vehicle of the mission lies on the ground at a place, disarmed, and sends no states."""
+
+    topic: ClassVar = "lying"
+    vehicle_id: int
+    position_m: tuple[float, float]
+
+    def _text(self, _time: Time) -> str:
+        return f"vehicle {self.vehicle_id} lies on the ground at {place_text(self.position_m)} m"
+
+
 class Tick(_Input, frozen=True):
     """When a step of the control loop began."""
 
@@ -229,6 +240,7 @@ ReceivedInput = (
     | Killed
     | Rejoined
     | Presence
+    | Lying
 )
 """What a core takes between two ticks."""
 CoreInput = ReceivedInput | Tick

@@ -36,6 +36,23 @@ class TacticChange(msgspec.Struct, frozen=True):
         return f"{self.before} -> {self.after}: {self.event}"
 
 
+class LandingAside(msgspec.Struct, frozen=True):
+    """The landing place is not free: it waits `waits_s`, or lands at another place (x, y)."""
+
+    kind: ClassVar[Kind] = "tactic"
+    obstacle: str
+    place_m: tuple[float, ...] = ()
+    waits_s: float = 0.0
+
+    @property
+    def text(self) -> str:
+        """It as text."""
+        if not self.place_m:
+            return f"its landing place is not free: {self.obstacle}; it lands aside in {self.waits_s:g} s"
+        x, y = self.place_m
+        return f"lands aside, at x {x:.1f} m, y {y:.1f} m: {self.obstacle}"
+
+
 class AlertChange(msgspec.Struct, frozen=True):
     """A condition of the failsafe table begins, reaches the next reaction, or is over."""
 
@@ -192,6 +209,7 @@ class ReferenceChange(msgspec.Struct, frozen=True):
 
 NotedEvent = (
     TacticChange
+    | LandingAside
     | AlertChange
     | ResumeRefusal
     | CommandOutcome

@@ -5,21 +5,19 @@ keeps fence, zones and the distance to others, so that it may come to rest befor
 and holds where it is.
 """
 
+from collections.abc import Iterable
 from math import dist, hypot
 from typing import Final, NamedTuple
 
 from agents.control.aims import along
 from agents.control.plan import Plan
-from agents.control.return_and_land import ARRIVED_M, ARRIVED_M_S
+from agents.control.return_and_land import ARRIVED_M, ARRIVED_M_S, WAY_EXTRA_S, WAY_SPEED_SHARE
 from agents.safety.routes import way_of
 from agents.settings.config import AgentConfig
 from agents.situation.situation import Situation
-from agents.team.messages import Goal
+from agents.team.messages import Goal, MemberState
 from estimation.state import POSITION, VELOCITY
 from estimation.vectors import Pair
-
-SPEED_SHARE, EXTRA_S = 0.4, 30.0
-"""A way that takes longer than at this share of the largest speed, and this time, is given up."""
 
 
 class JourneyEnd(NamedTuple):
@@ -32,10 +30,13 @@ class JourneyEnd(NamedTuple):
 class Journey:
     """One vehicle's way to a place, from its first plan on."""
 
-    def __init__(self, config: AgentConfig, place: Goal, origin: str, height_m: float) -> None:
-        """Take the place, the name of the operator who sends the vehicle there, and the height that it keeps."""
+    def __init__(self, config: AgentConfig, place: Goal, origin: str, sent_s: float, height_m: float) -> None:
+        """Take the place, the name of the operator who sends the vehicle there, when, and the height that it keeps."""
         self.place: Final = place
         self.origin: Final = origin
+        self.sent_s: Final = sent_s
+        self._vehicle_id = config.vehicle_id
+        self._separation_m = config.safety.separation_m
         self.goal_m: Final[Pair] = (place.x_m, place.y_m)
         self._speed_m_s = config.formation.speed_max_m_s
         self._plant = config.plant
@@ -53,13 +54,24 @@ class Journey:
         next_m = self.goal_m if self._way is None else self._way.next_m((x, y), self.goal_m)
         if self._until_s is None:
             way_m = max(dist((x, y), self.goal_m), 0.0 if self._way is None else self._way.length_m)
-            self._until_s = situation.now_s + way_m / (SPEED_SHARE * self._speed_m_s) + EXTRA_S
+            self._until_s = situation.now_s + way_m / (WAY_SPEED_SHARE * self._speed_m_s) + WAY_EXTRA_S
         return along(situation, next_m, self._plant, self._speed_m_s)
 
-    def end(self, situation: Situation, stopped_by: str) -> JourneyEnd | None:
-        """Return how it ends now, None while it goes on; `stopped_by` is the condition that stops the vehicle."""
+    def end(self, situation: Situation, peers: Iterable[MemberState], stopped_by: str) -> JourneyEnd | None:
+        """Return how it ends now, None while it goes on; `stopped_by` is the condition that stops the vehicle.
+
+        Peers' goals are known only with their next states: of two vehicles that are sent to one place at about the same
+        time the one that was sent later gives its way up, of the same time that of the larger id.
+        """
         if stopped_by:
             return JourneyEnd(f"stops on its way: {stopped_by}")
+        for peer in peers:
+            if peer.goal is None or (peer.goal_s or 0.0, peer.sender) > (self.sent_s, self._vehicle_id):
+                continue
+            away_m = dist((peer.goal.x_m, peer.goal.y_m), self.goal_m)
+            if away_m < self._separation_m:
+                before = f"vehicle {peer.sender} was sent before to {away_m:.1f} m from there"
+                return JourneyEnd(f"gives its way up, and holds where it is: {before}")
         if self._has_arrived(situation):
             return JourneyEnd(f"has arrived, and {'lands' if self.place.lands else 'holds'}", has_arrived=True)
         if self._until_s is not None and situation.now_s > self._until_s:

@@ -15,13 +15,16 @@ from agents.control.return_and_land import Homing
 from agents.control.ring_flight import RingFlight
 from agents.control.station_keeping import StationKeeping
 from agents.control.transit import Transit
+from agents.notes import LandingAside
 from agents.ring.place import ring_place, weights_of
 from agents.ring.reference import RingPoint
 from agents.ring.transition import ShapedCoordinate
+from agents.safety.landing import InTheWay, OtherVehicles
 from agents.settings.config import AgentConfig
 from agents.situation.situation import Situation
 from agents.situation.task import Task
 from agents.tactics import Tactic, mixing_share
+from agents.team.messages import Goal
 from agents.team.ring_members import FULL_RING
 from agents.team.team import Team
 from estimation.polar import polar_from_motion
@@ -73,9 +76,27 @@ class Planner:
         """Whether the return leads home, in its own layer."""
         return self._homing.returns
 
-    def may_land(self, situation: Situation, time_scale: float) -> bool:
+    def may_land(self, situation: Situation, others: OtherVehicles, time_scale: float) -> bool:
         """Return whether the return is over: see `Homing.may_land`."""
-        return self._homing.may_land(situation, self._team.members(), time_scale)
+        return self._homing.may_land(situation, others, time_scale)
+
+    def landing_obstacle(self, situation: Situation, others: OtherVehicles) -> InTheWay | None:
+        """Return a vehicle past or onto which this one would land where it is, None if the place is free."""
+        return self._homing.obstacle(situation, others)
+
+    def landing_news(self) -> LandingAside | None:
+        """Return what the vehicle does about a landing place that is not free, once."""
+        return self._homing.news()
+
+    @property
+    def goal(self) -> Goal | None:
+        """The place that the vehicle is on its way to, apart from its start: others keep away from it."""
+        return self._homing.goal if self.journey is None else self.journey.place
+
+    @property
+    def goal_s(self) -> float | None:
+        """When an operator sent it to its goal; None for a place to land aside, before which no way of others comes."""
+        return None if self.journey is None else self.journey.sent_s
 
     def start(self, at_s: float) -> None:
         """Begin the mission line, or the programme of an identification flight, at `at_s`."""
@@ -99,6 +120,8 @@ class Planner:
             self._exciter.reset()
         if tactic is Tactic.RETURN_AND_LAND:
             self._homing.reset(to_home=to_home)
+        else:
+            self._homing.stay()
 
     def reshape(self, config: AgentConfig) -> None:
         """Change the shape of the formation."""

@@ -3,21 +3,27 @@
 Returning vehicles first climb to their layers above all vehicles that still fly the mission, so their paths cross at
 different heights only. The lowest lands first; no vehicle descends while one below it is still flying home. Where it
 begins, a vehicle chooses the nearest of its places: its start, or a spot at a rally point, which is its own.
+
+A vehicle never lands past one that does not evade, or onto one on the ground: it waits, and after `ASIDE_AFTER_S` it
+flies in its layer to the nearest free place and lands there. Without such a place it waits on.
 """
 
-from collections.abc import Collection, Iterable
-from math import dist, hypot
+from collections.abc import Collection
+from math import dist, hypot, inf
 
 import numpy as np
 
 from agents.control.aims import along
 from agents.control.plan import Plan
+from agents.notes import LandingAside
+from agents.safety.landing import InTheWay, LandingPlaces, OtherVehicles
 from agents.safety.routes import way_of
 from agents.settings.config import AgentConfig
 from agents.situation.situation import Situation
 from agents.tactics import Tactic
-from agents.team.messages import MemberState
+from agents.team.messages import Goal, MemberState
 from estimation.state import POSITION, VELOCITY, Vector
+from estimation.vectors import Pair
 
 HEIGHT_TOLERANCE_M = 1.0
 ARRIVED_M, ARRIVED_M_S = 1.0, 0.5
@@ -29,8 +35,13 @@ RECEIVED_AFTER_S = 1.5
 """Within this time the states of peers whose mission ended at the same moment arrive."""
 NOT_RECEIVED_LONGEST_S = 10.0
 LANDING_LONGEST_S = 60.0
+ASIDE_AFTER_S = 30.0
+"""How long a vehicle waits for its landing place to become free, until it lands aside."""
+SOUGHT_EVERY_S = 1.0
+"""How often a place aside is searched for where there was none: it takes some milliseconds."""
+WAY_SPEED_SHARE, WAY_EXTRA_S = 0.4, 30.0
+"""A way that takes longer than at this share of the largest speed, and this time, is given up."""
 _ON_THE_WAY = Tactic.RETURN_AND_LAND.value
-_PILOTED = Tactic.PILOT_OVERRIDE.value
 _COMING_DOWN = (_ON_THE_WAY, Tactic.LAND.value)
 
 
@@ -39,7 +50,13 @@ class Homing:
 
     def __init__(self, config: AgentConfig) -> None:
         self._config = config
-        self._home_m: tuple[float, float] | None = None
+        self._places = LandingPlaces(config)
+        self._home_m: Pair | None = None
+        self._aside_m: Pair | None = None
+        self._aside_until_s = 0.0
+        self._hindered_s: float | None = None
+        self._sought_s = -inf
+        self._news: LandingAside | None = None
         self._number = config.landing_order.index(config.vehicle_id)
         self._began_s: float | None = None
         self._from_m: Vector = np.zeros(2)
@@ -62,8 +79,14 @@ class Homing:
         returns = to_home or self._config.choreography.landing == "return"
         self._home_m = self._config.home_m if returns else None
         self._began_s, self._rising = None, self.returns
+        self._aside_m = self._hindered_s = None
+        self._sought_s = -inf
         if self._way is not None:
             self._way.reset()
+
+    def stay(self) -> None:
+        """End the way to a place aside, with the tactic."""
+        self._aside_m = None
 
     def plan(self, situation: Situation) -> Plan:
         """Climb to the layer in place, then fly home by the shortest way; without a home, stay."""
@@ -78,35 +101,101 @@ class Homing:
         goal = self._from_m if self._rising else self._next_m(situation)
         return along(situation, (goal.item(0), goal.item(1)), self._config.plant, self._config.formation.speed_max_m_s)
 
-    def may_land(self, situation: Situation, peers: Iterable[MemberState], time_scale: float) -> bool:
-        """Return whether the vehicle has arrived and the airspace below is free, or its time limit is over.
+    def may_land(self, situation: Situation, others: OtherVehicles, time_scale: float) -> bool:
+        """Return whether the vehicle has arrived, or its time limit is over, and the place below is free.
 
         `time_scale` is mission seconds per wall second: peers' messages may take that much longer.
         """
         if self._began_s is None:
             return False
-        since_s = situation.now_s - self._began_s
-        if since_s > self._limit_s:
+        if self._aside_m is not None:
+            return self._may_land_aside(self._aside_m, situation, others)
+        is_over = situation.now_s - self._began_s > self._limit_s
+        if not is_over and not self._is_in_turn(situation, others.members, time_scale):
+            return False
+        obstacle = self._obstacle_here(situation, others)
+        if obstacle is None:
             return True
+        if is_over or not obstacle.comes_down:
+            wanted_m = self._goal_m if self._there(situation) else _here_m(situation)
+            self._wait_or_evade(wanted_m, obstacle, situation, others)
+        return False
+
+    @property
+    def goal(self) -> Goal | None:
+        """The place aside at which it lands, None without one: others keep away from it."""
+        return None if self._aside_m is None else Goal(*self._aside_m, lands=True)
+
+    def news(self) -> LandingAside | None:
+        """Return what it does about a landing place that is not free, once."""
+        news, self._news = self._news, None
+        return news
+
+    def obstacle(self, situation: Situation, others: OtherVehicles) -> InTheWay | None:
+        """Return a vehicle past or onto which it would land where it is, None if the place is free."""
+        return self._places.obstacle(_here_m(situation), situation, others)
+
+    def _obstacle_here(self, situation: Situation, others: OtherVehicles) -> InTheWay | None:
+        """Return that at its landing place, if it is there, or where it is."""
+        at_goal = self._places.obstacle(self._goal_m, situation, others) if self._there(situation) else None
+        return at_goal or self.obstacle(situation, others)
+
+    def _is_in_turn(self, situation: Situation, peers: Collection[MemberState], time_scale: float) -> bool:
+        """Return whether it has arrived, and no peer near or below lands before it."""
+        assert self._began_s is not None
         here = situation.own.mean[POSITION]
         near_m = APART * self._config.safety.separation_m
         known = [(peer, dist(peer.position_m, here.tolist())) for peer in peers]
+        since_s = situation.now_s - self._began_s
         awaited = since_s < RECEIVED_AFTER_S * time_scale and any(away_m < near_m for _, away_m in known)
-        if awaited or not self._there(situation) or any(self._is_over_pilots(*each, situation) for each in known):
+        if awaited or not self._there(situation):
             return False
         return not any(self._waits_for(*each, near_m) for each in known)
 
+    def _wait_or_evade(self, place_m: Pair, obstacle: InTheWay, situation: Situation, others: OtherVehicles) -> None:
+        """Wait for a landing place to become free; then choose the free place that is nearest to it."""
+        now_s = situation.now_s
+        if self._hindered_s is None:
+            self._hindered_s = now_s
+            self._news = LandingAside(obstacle.text, waits_s=ASIDE_AFTER_S)
+        if now_s - self._hindered_s < ASIDE_AFTER_S or now_s - self._sought_s < SOUGHT_EVERY_S:
+            return
+        self._sought_s = now_s
+        aside_m = self._places.nearest_m(place_m, situation, others, from_landing_places=self.returns)
+        if aside_m is None:
+            return
+        way_s = dist(_here_m(situation), aside_m) / (WAY_SPEED_SHARE * self._config.formation.speed_max_m_s)
+        self._aside_m, self._aside_until_s = aside_m, now_s + way_s + WAY_EXTRA_S
+        self._news = LandingAside(obstacle.text, aside_m)
+
+    def _may_land_aside(self, aside_m: Pair, situation: Situation, others: OtherVehicles) -> bool:
+        """Return whether it is at its place aside and that is free; choose another one if it is not, or not reached."""
+        wanted_m = self._goal_m
+        obstacle = self._places.obstacle(aside_m, situation, others) or self._chosen_by_other(aside_m, others)
+        if obstacle is None and situation.now_s > self._aside_until_s:
+            wanted_m, obstacle = _here_m(situation), InTheWay("the former place is out of reach")
+        if obstacle is None:
+            return self._there(situation) and self.obstacle(situation, others) is None
+        self._wait_or_evade(wanted_m, obstacle, situation, others)
+        return False
+
+    def _chosen_by_other(self, aside_m: Pair, others: OtherVehicles) -> InTheWay | None:
+        """Return a vehicle that lands before this one, and has chosen about the same place at the same time."""
+        order = self._config.landing_order
+        for peer in others.members:
+            if peer.goal is None or peer.sender not in order or order.index(peer.sender) > self._number:
+                continue
+            away_m = dist((peer.goal.x_m, peer.goal.y_m), aside_m)
+            if away_m < self._config.safety.separation_m:
+                return InTheWay(f"vehicle {peer.sender} goes to a place {away_m:.1f} m away")
+        return None
+
     def _there(self, situation: Situation) -> bool:
-        if not self.returns:
+        if not self.returns and self._aside_m is None:
             return True
         speed_m_s = hypot(*situation.own.mean[VELOCITY].tolist())
         away_m = hypot(*(situation.own.mean[POSITION] - self._goal).tolist())
         return not self._rising and away_m < ARRIVED_M and speed_m_s < ARRIVED_M_S
-
-    def _is_over_pilots(self, peer: MemberState, away_m: float, situation: Situation) -> bool:
-        """Return whether it would land past a vehicle that a pilot flies: what lands is not guarded."""
-        is_below = peer.altitude_m < situation.height_m
-        return peer.tactic == _PILOTED and is_below and away_m < self._config.safety.separation_m
 
     def _waits_for(self, peer: MemberState, away_m: float, near_m: float) -> bool:
         order = self._config.landing_order
@@ -139,13 +228,26 @@ class Homing:
 
     @property
     def _goal(self) -> Vector:
-        return self._from_m if self._home_m is None else np.array(self._home_m)
+        return np.array(self._goal_m if self._aside_m is None else self._aside_m)
+
+    @property
+    def _goal_m(self) -> Pair:
+        """Where it lands if that place is free."""
+        if self._home_m is not None:
+            return self._home_m
+        x, y = self._from_m.tolist()
+        return x, y
 
     @property
     def _limit_s(self) -> float:
         way_s = self._length_m / self._config.formation.speed_max_m_s
         flying_s = self._config.rising_s + 2.0 * way_s if self.returns else RECEIVED_AFTER_S
         return flying_s + (self._number + 1) * LANDING_LONGEST_S
+
+
+def _here_m(situation: Situation) -> Pair:
+    x, y = situation.own.mean[POSITION].tolist()
+    return x, y
 
 
 def assembled(

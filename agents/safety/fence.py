@@ -7,7 +7,11 @@ from collections.abc import Sequence
 from math import hypot, inf
 from typing import Final
 
+import numpy as np
+from numpy.typing import NDArray
+
 from agents.settings.sections import NoFlySection, SafetySettings
+from estimation.state import Vector
 
 Corner = tuple[float, float]
 _ON_EDGE_M = 1e-9
@@ -56,6 +60,20 @@ class Fence:
         """Return the distance to the boundary, negative beyond it."""
         nearest_m = min(point.distance_m for point in self._points(place_m, 1.0))
         return nearest_m if self.contains(place_m) else -nearest_m
+
+    def clearances_m(self, places_m: Vector) -> Vector:
+        """Return the distances (n,) of places (n, 2) to the boundary, negative beyond it."""
+        x, y = places_m[:, 0], places_m[:, 1]
+        inside: NDArray[np.bool_] = np.full(len(places_m), not self._encloses)
+        nearest_m: Vector = np.full(len(places_m), inf)
+        for (x1, y1), (x2, y2) in self._edges:
+            if y1 != y2:
+                inside ^= ((y1 > y) != (y2 > y)) & (x < x1 + (y - y1) / (y2 - y1) * (x2 - x1))
+            along_x, along_y = x2 - x1, y2 - y1
+            share = ((x - x1) * along_x + (y - y1) * along_y) / (along_x**2 + along_y**2)
+            share = np.clip(share, 0.0, 1.0)
+            nearest_m = np.minimum(nearest_m, np.hypot(x - x1 - share * along_x, y - y1 - share * along_y))
+        return np.where(inside, nearest_m, -nearest_m)
 
     def reach_m(self, place_m: Corner, direction: Corner) -> float:
         """Return the distance to the boundary along a unit direction; infinity from a place beyond it."""
@@ -122,6 +140,10 @@ class RoundEdge:
     def clearance_m(self, place_m: Corner) -> float:
         """Return the distance to the circle, negative inside."""
         return hypot(place_m[0] - self._center_m[0], place_m[1] - self._center_m[1]) - self._radius_m
+
+    def clearances_m(self, places_m: Vector) -> Vector:
+        """Return the distances (n,) of places (n, 2) to the circle, negative inside."""
+        return np.hypot(places_m[:, 0] - self._center_m[0], places_m[:, 1] - self._center_m[1]) - self._radius_m
 
     def nearest_points(self, place_m: Corner, within_m: float = inf) -> list[NearestPoint]:
         """Return the nearest point of the circle if it is within a distance, which is negative inside."""

@@ -17,6 +17,7 @@ from agents.inputs import (
     Computer,
     Ground,
     Killed,
+    Lying,
     Message,
     Presence,
     Rejoined,
@@ -269,7 +270,7 @@ class Agent:
     def stand_by(self, duration_s: float) -> None:
         """Stay on the ground in reserve, until `fly_again`, during a mission of this duration."""
         self.in_reserve = True
-        self._reporter.wait(None)
+        self._reporter.stand_by()
         self._start_agreement.bound(duration_s)
         self._report(UNUSED)
         self._happen(LifeEvent.STAND_BY)
@@ -356,6 +357,10 @@ class Agent:
     def note_computer(self, short_of: str) -> None:
         """Take the resource that this computer is short of, empty if none."""
         self._core.take(Computer(short_of))
+
+    def note_lying(self, vehicle_id: int, position_m: tuple[float, float]) -> None:
+        """Take where another vehicle of the mission lies on the ground, which does not fly."""
+        self._core.take(Lying(vehicle_id, position_m))
 
     async def close(self) -> None:
         """Leave the bus and release the link."""

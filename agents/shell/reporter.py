@@ -75,6 +75,7 @@ class Reporter:
         self._end: tuple[float, str] = (-inf, "")
         self._ended, self._is_completed = "", False
         self._start_blockers: str | None = None
+        self._in_reserve = False
         self._position_m: Triple | None = None
         self._motion_s: float | None = None
         self._last_report: tuple[object, ...] = ()
@@ -134,6 +135,10 @@ class Reporter:
         """Take what forbids the start that the vehicle waits for, None if it waits for none."""
         self._start_blockers = start_blockers
 
+    def stand_by(self) -> None:
+        """Take that the vehicle stays on the ground in reserve, until another flight begins."""
+        self._start_blockers, self._in_reserve = None, True
+
     def end(self, outcome: Outcome) -> None:
         """Report the end of the flight, unless it was reported before."""
         if not self._ended:
@@ -142,7 +147,7 @@ class Reporter:
 
     def begin_again(self) -> None:
         """Take that another flight of the vehicle begins, and report it."""
-        self._ended, self._is_completed = "", False
+        self._ended, self._is_completed, self._in_reserve = "", False, False
         self._look()
 
     async def close(self) -> None:
@@ -217,6 +222,7 @@ class Reporter:
             None if self._ended else self.outlook,
             None if unaccounted is None else unaccounted.position_m,
             self._place_m,
+            self._in_reserve or None,
         )
 
     @property

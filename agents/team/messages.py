@@ -248,7 +248,8 @@ class MemberState(msgspec.Struct, frozen=True, array_like=True):
     that operators commanded last, at `shaped_s`; None is the mission's. `drops` are the messages that it has dropped so
     far. `ring` is the ring that operators commanded. In a mission of several rings `choice` has it, and more.
     `traffic` are aircraft that its autopilot receives, once a second, and `goal` is the place that it is on its way to,
-    None without one. These four, drops and sightings are for cordon's own use.
+    None without one, and `goal_s` when an operator sent it there. These five, drops and sightings are for cordon's own
+    use.
     """
 
     sender: VehicleId
@@ -270,6 +271,7 @@ class MemberState(msgspec.Struct, frozen=True, array_like=True):
     choice: Annotated[RingChoice | None, Added(2)] = None
     traffic: Annotated[Annotated[tuple[Aircraft, ...], msgspec.Meta(max_length=TRAFFIC_MAX)] | None, Added(3)] = None
     goal: Annotated[Goal | None, Added(4)] = None
+    goal_s: Annotated[TimeS | None, Added(5)] = None
 
 
 class MissionIdentity(msgspec.Struct, frozen=True, array_like=True):
@@ -463,7 +465,8 @@ class VehicleReport(msgspec.Struct, frozen=True):
     ended without a report that it is down, or that fell; None for all others. `position_m` is sent before the first
     state: on the ground and in take-off. While it waits on the ground for an operator's start, `start_blockers` forbid
     the start, empty if nothing does, and `clock_off_s` is the largest offset of a peer's computer's clock from its own
-    [wall s]. `outlook` is None while nothing is due. Unknown values are None, or empty.
+    [wall s]. `outlook` is None while nothing is due. A vehicle `in_reserve` stays on the ground: it has `ended`,
+    and its flight has not begun; earlier versions do not send that. Unknown values are None, or empty.
     """
 
     sender: VehicleId
@@ -487,6 +490,7 @@ class VehicleReport(msgspec.Struct, frozen=True):
     outlook: Annotated[Outlook | None, Added(4)] = None
     unaccounted_m: Annotated[tuple[_Metres, _Metres, _Metres] | None, Added(5)] = None
     position_m: Annotated[tuple[_Metres, _Metres, _Metres] | None, Added(7)] = None
+    in_reserve: Annotated[bool | None, Added(9)] = None
 
     @property
     def is_link_cut(self) -> bool:

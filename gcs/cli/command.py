@@ -128,6 +128,8 @@ def _show(
     for vehicle_id in vehicles:
         answer, ended = answers.get(vehicle_id), operator.ended.get(vehicle_id)
         result = "no answer" if ended is None else f"no answer: its flight has ended ({ended})"
+        if vehicle_id in operator.in_reserve:
+            result = "no answer: it is in reserve, and stays on the ground until `cordon rejoin`"
         if answer is not None:
             result = f"{answer.did} (answered after {answer.after_s * 1000:.0f} ms)"
         elif VERBS[verb].is_for_landed:

@@ -178,7 +178,7 @@ def _check_adoption(options: FlyOptions) -> None:
         }
         if faults := [f"--adopt: not with {option}" for option, given in others.items() if given]:
             raise InputError(faults)
-        require_answer(yes=options.yes)
+        require_answer(options.mission, options.changes, options.take_from_pilot, options.leave, yes=options.yes)
     else:
         needing = {"--take-from-pilot": options.take_from_pilot, "--leave": options.leave, "--yes": options.yes}
         if faults := [f"{option}: it needs --adopt" for option, given in needing.items() if given]:

@@ -227,17 +227,34 @@ def bus_mission(name: str, changes: Sequence[str] = ()) -> "Mission":
     return mission
 
 
-def require_answer(*, yes: bool) -> None:
-    """Raise InputError where vehicles in the air are to be taken and there is no terminal to ask on."""
-    if not (yes or (sys.stdin.isatty() and sys.stderr.isatty())):
-        raise InputError(["--yes: there is no terminal to ask for confirmation; give --yes to confirm"])
+def require_answer(
+    mission: str, changes: Sequence[str], from_pilot: Sequence[int], left: Sequence[int], *, yes: bool
+) -> None:
+    """Raise InputError where vehicles in the air are to be taken and there is no terminal to ask on.
+
+    It names as well what is wrong with the mission and the vehicles given: the next try needs both.
+    """
+    if yes or (sys.stdin.isatty() and sys.stderr.isatty()):
+        return
+    faults = ["--yes: there is no terminal to ask for confirmation; give --yes to confirm"]
+    try:
+        require_known(loaded_mission(mission, changes), from_pilot, left)
+    except InputError as error:
+        faults = [*error.faults, *faults]
+    raise InputError(faults)
 
 
 def require_known(mission: "Mission", from_pilot: Sequence[int], left: Sequence[int]) -> None:
     """Raise InputError for vehicles of --take-from-pilot and --leave that are not the mission's, or are in both."""
+    faults = list[str]()
     for option, ids in (("--take-from-pilot", from_pilot), ("--leave", left)):
         for each in ids:
-            chosen_vehicle(mission, each, option)
+            try:
+                chosen_vehicle(mission, each, option)
+            except InputError as error:
+                faults += error.faults
+    if faults:
+        raise InputError(faults)
     if both := {*left} & {*from_pilot}:
         raise InputError([f"--leave: vehicle {each} is also given by --take-from-pilot" for each in sorted(both)])
 

@@ -63,7 +63,7 @@ def recover(options: RecoveryOptions) -> int:
     from gcs.flight.supervisor import is_supervised, supervise
 
     hold_back()
-    require_answer(yes=options.yes)
+    require_answer(options.mission, options.changes, options.take_from_pilot, options.leave, yes=options.yes)
     return _recover(options) if is_supervised() else supervise(json=options.json)
 
 

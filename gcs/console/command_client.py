@@ -136,6 +136,8 @@ class CommandClient:
         """The latest tactic received from each vehicle."""
         self.ended: dict[int, str] = {}
         """How the flights of vehicles have ended: they answer no more."""
+        self.in_reserve: set[int] = set()
+        """Those of them that stay on the ground in reserve, and have not flown."""
         self._ended_s: dict[int, float] = {}
         """When each of these ends was received [wall s]."""
         self.joined_after_s = 0.0
@@ -303,6 +305,7 @@ class CommandClient:
             self._note_first_message()
         if isinstance(message, VehicleReport):
             self.ended.pop(message.sender, None)
+            (self.in_reserve.add if message.in_reserve else self.in_reserve.discard)(message.sender)
             if message.ended:
                 self._ended_s.setdefault(message.sender, monotonic())
                 self.ended[message.sender] = message.ended
@@ -362,6 +365,7 @@ class TeamClock:
 
 
 _START_POLL_S = 0.1
+_IN_RESERVE = "it is in reserve, and stays on the ground until `cordon rejoin`"
 _NO_AGENT = "no agent is on the bus: its computer is off, out of reach, or does not run its agent"
 _NO_REPORT = "its agent is on the bus, but has not found its autopilot yet"
 _OTHER_MISSION = "it has another mission, or another version of this one: copy one mission file to all computers"
@@ -411,7 +415,8 @@ class StartReports:
         if self._of_another.get(vehicle):
             return StartState(vehicle, "missing", _OTHER_MISSION)
         if report.ended:
-            return StartState(vehicle, "missing", f"its flight has ended: {report.ended}")
+            why = _IN_RESERVE if report.in_reserve else f"its flight has ended: {report.ended}"
+            return StartState(vehicle, "missing", why)
         if report.start_blockers is not None:
             return StartState(
                 vehicle, "missing" if report.start_blockers else "ready", report.start_blockers, report.clock_off_s

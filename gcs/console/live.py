@@ -115,7 +115,7 @@ def _cells(row: TeamRow, separation_m: float, wide: bool, over: bool) -> list[Te
     silent: Severity = "alarm" if row.link_age_s is not None and row.link_age_s > LINK_OLD_S else "information"
     cells = [
         vehicle_cell(row, over),
-        Text("ended") if over else tactic_cell(row, wide),
+        Text(row.over) if over else tactic_cell(row, wide),
         Text(row.ending or "unknown") if over else _mode(row),
         *motion_cells(row, separation_m, wide),
         graded(row.link_age_s, ".1f", silent),
@@ -155,7 +155,7 @@ def _plain_vehicle(row: TeamRow) -> str:
         ("lag", in_degrees(row.lag_rad), ".1f", "deg"),
         ("battery", row.autopilot.battery, ".0%", ""),
     )
-    tactic, mode = ("ended", row.ending) if row.ending else (row.tactic or UNKNOWN_TACTIC, row.mode or "no-link")
+    tactic, mode = (row.over, row.ending) if row.ending else (row.tactic or UNKNOWN_TACTIC, row.mode or "no-link")
     tactic = MISSING if row.is_unaccounted else tactic
     return plain_row(row, tactic, mode, numbers)
 

@@ -252,6 +252,8 @@ class TeamState:
         latest = self._latest.get(vehicle_id)
         if latest is None:
             last = self._last_position(vehicle_id, now_s, is_over=is_over)
+            if last is None and vehicle_id in self._reports and self._reports[vehicle_id][0].in_reserve:
+                return TeamRow(vehicle_id, is_stale=False, has_ended=True, in_reserve=True)
             if last is None:
                 return TeamRow(vehicle_id, note="not received")
             return with_unaccounted(TeamRow(vehicle_id), Unaccounted.of(vehicle_id, last, self.frame))

@@ -18,6 +18,8 @@ from gcs.metrics.ending import SEARCH, UNACCOUNTED, Unaccounted
 from gcs.mission.geometry import nearest_other
 
 Pair = tuple[float, float]
+RESERVE = "reserve"
+"""Shown in place of the tactic of a vehicle in reserve."""
 SILENT, LINK_CUT, WAITS = "silent", "link cut", "waits for resume"
 PAST_S = 2.0
 """A change that has been due for so long without a report of it is no longer shown."""
@@ -43,7 +45,8 @@ class VehicleView(msgspec.Struct, frozen=True):
     `nearest_m` is the horizontal distance to the nearest other flying vehicle, `fence_margin_m` that to the fence
     (negative: outside). `advice` is the operator's action for the alert. `blocks` is the condition that refuses a
     resume, `also` are its other conditions, `guard` is why its aim is bent. `ending` is how its flight ended,
-    empty before. `ring` is the name of the ring that it is on or flies to; it is unset in a mission of one ring.
+    empty before; one `in_reserve` has not flown yet, and stays on the ground. `ring` is the name of the ring that it is
+    on or flies to; it is unset in a mission of one ring.
     Unknown values are None, or empty.
     """
 
@@ -77,7 +80,13 @@ class VehicleView(msgspec.Struct, frozen=True):
     guard: str = ""
     ending: str = ""
     is_unaccounted: bool = False
+    in_reserve: bool = False
     ring: str | msgspec.UnsetType = msgspec.UNSET
+
+    @property
+    def over(self) -> str:
+        """The word for a vehicle whose flight has ended, or which is in reserve."""
+        return RESERVE if self.in_reserve else "ended"
 
     @property
     def due(self) -> str:
@@ -140,6 +149,7 @@ def with_report(view: ViewT, report: VehicleReport, age_s: float, now_s: float) 
     return replace(
         with_outlook(view, report.outlook, now_s),
         mode=report.mode,
+        in_reserve=bool(report.in_reserve),
         position_m=report.position_m if view.position_m is None else view.position_m,
         yaw_rad=report.yaw_rad,
         autopilot=report.autopilot,

@@ -140,7 +140,7 @@ def _cells(row: TeamRow, separation_m: float, wide: bool, closed: bool) -> tuple
 
 def _tactic(row: TeamRow, wide: bool, is_silent: bool) -> Text:
     if row.has_ended:
-        return Text("ended")
+        return Text(row.over)
     if is_silent and not row.is_unaccounted:
         return Text("silent", style=STYLES["alarm"])
     return tactic_cell(row, wide)
@@ -148,7 +148,7 @@ def _tactic(row: TeamRow, wide: bool, is_silent: bool) -> Text:
 
 def _plain(row: TeamRow) -> str:
     if row.position_m is None:
-        return f"#{row.vehicle_id} {row.note}"
+        return f"#{row.vehicle_id} {row.over if row.has_ended else row.note}"
     x_m, y_m, _ = row.position_m
-    tactic = MISSING if row.is_unaccounted else "ended" if row.has_ended else row.tactic
+    tactic = MISSING if row.is_unaccounted else row.over if row.has_ended else row.tactic
     return plain_row(row, tactic, f"x={x_m:.1f}m y={y_m:.1f}m", motion_numbers(row))

@@ -85,7 +85,10 @@ async def prepare_recovery(team: FlightTeam, recovery: TeamRecovery, report: Fin
     for each in facts:
         if each.vehicle_id in {member.vehicle.id for member in team.members}:
             team.begin_vehicle(each)
+    lying_m = {each.vehicle_id: each.position_m for each in facts if each.position_m and not each.status.armed}
     for agent in team.agents:
+        for i, (x, y, _) in lying_m.items():
+            agent.note_lying(i, (x, y))
         agent.announce()
 
 

@@ -117,15 +117,15 @@ class SimulatedEvents:
         """The network as it is now."""
 
     def _with_losses(self, losses: Sequence[MessageLoss]) -> NetworkModel:
-        network, ids = self._mission.network, self._mission.ids
+        network, ids, far_m = self._mission.network, self._mission.ids, self._mission.range_m
         if self._links is None and not losses:
-            return NetworkModel(network.range_m, network.delay_s, network.loss)
+            return NetworkModel(far_m, network.delay_s, network.loss)
         kept = np.full((len(ids), len(ids)), 1.0 - network.loss)
-        range_m = np.full_like(kept, network.range_m if self._links is None else -1.0)
+        range_m = np.full_like(kept, far_m if self._links is None else -1.0)
         for pair, link in (self._links or {}).items():
             one, other = map(ids.index, pair)
             for at in ((one, other), (other, one)):
-                range_m[at] = min(network.range_m, link.range_m)
+                range_m[at] = min(far_m, link.range_m)
                 kept[at] *= 1.0 - link.loss
         for each in losses:
             if each.vehicle is None:

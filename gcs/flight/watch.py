@@ -146,6 +146,7 @@ class Watch:
             angular_rate_rad_s=None if polar is None else polar.angular_rate_rad_s,
             lead_rad=None if place is None else place.lead_rad,
             ending=ending,
+            in_reserve=member.agent.in_reserve,
             ring=_ring(status, self._rings),
             note="" if status is None or ending else _remark(status),
             gps_threat=vehicle.gps_threat.value,

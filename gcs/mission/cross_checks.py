@@ -145,8 +145,8 @@ def cross_checked(sections: Mapping[str, Any], vehicles: list[LoadedVehicle | No
         if ring is not None:
             yield from _places_apart(known, safety, ring, places, complete=len(known) == len(vehicles))
         yield from _inside_limits(sections, known, safety, places)
-    if ring is not None and network is not None:
-        yield from ring_in_range(ring, network, places)
+    if ring is not None and network is not None and network.range_m is not None:
+        yield from ring_in_range(ring, network.range_m, places)
     yield from _located(sections.get("frame"), safety, known)
     yield from kept_up(sections.get("mission"), link)
     if link is not None:

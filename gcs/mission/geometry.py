@@ -68,21 +68,20 @@ def slots_fit(
             "formation.spacing_m", f"{formation.spacing_m} m is less than safety.separation_m = {safety.separation_m} m"
         )
     if formation is not None and formation.station == "predecessor" and network is not None:
-        yield from _neighbours_in_range(vehicles, formation, network)
+        range_m = network.range_m
+        yield from () if range_m is None else _neighbours_in_range(vehicles, formation, range_m)
 
 
-def _neighbours_in_range(
-    vehicles: IndexedVehicles, formation: FormationSettings, network: NetworkSection
-) -> Iterator[KeyFault]:
+def _neighbours_in_range(vehicles: IndexedVehicles, formation: FormationSettings, range_m: float) -> Iterator[KeyFault]:
     """Check that a vehicle hears its neighbour in line order, on which it keeps station.
 
     Shapes that operators command later are possible only within the range as well (`AgentConfig.shapes`).
     """
-    follows = f"out of network.range_m = {network.range_m:g} m: one keeps station on the other (formation.station)"
+    follows = f"out of network.range_m = {range_m:g} m: one keeps station on the other (formation.station)"
     placed = [(i, vehicle.slot_m) for i, vehicle in vehicles if vehicle.slot_m is not None]
     for (i, one_m), (k, other_m) in pairwise(placed):
         apart_m = dist(one_m, other_m)
-        if apart_m > network.range_m:
+        if apart_m > range_m:
             yield KeyFault(
                 f"vehicles[{k}].slot_m",
                 f"{apart_m:g} m from vehicles[{i}]'s, its neighbour in line order, and {follows}",
@@ -92,24 +91,24 @@ def _neighbours_in_range(
     if shape == "free" or formation.leader not in ids:
         return
     apart_m = gap_m(shape, len(ids), ids.index(formation.leader), formation.spacing_m)
-    if apart_m > network.range_m:
+    if apart_m > range_m:
         yield KeyFault(
             "formation.spacing_m",
             f"{formation.spacing_m:g} m puts neighbours in a {shape} up to {apart_m:g} m apart, {follows}",
         )
 
 
-def ring_in_range(ring: EncirclementSettings, network: NetworkSection, count: int) -> Iterator[KeyFault]:
+def ring_in_range(ring: EncirclementSettings, range_m: float, count: int) -> Iterator[KeyFault]:
     """Check that neighbours on the ring, which keep their spacing to each other, are in radio range.
 
     The first two are opposite each other until more come. In simulations of three, four and six vehicles that did not
     hear each other there, no ring became even, and teams of three and four were ended by failsafes.
     """
-    if count > 1 and (apart_m := chord_m(ring.radius_m, 2)) > network.range_m:
+    if count > 1 and (apart_m := chord_m(ring.radius_m, 2)) > range_m:
         yield KeyFault(
             "encirclement.radius_m",
             f"the first two vehicles on a ring of {ring.radius_m:g} m are {apart_m:g} m apart, out of "
-            f"network.range_m = {network.range_m:g} m: neighbours keep their spacing to each other",
+            f"network.range_m = {range_m:g} m: neighbours keep their spacing to each other",
         )
 
 

@@ -3,13 +3,14 @@
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
-from math import radians
+from math import dist, radians
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 from urllib.parse import urlsplit
 
 from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 
+from agents.ring.place import chord_m
 from agents.settings.config import AgentConfig, RingConfig
 from agents.settings.sections import (
     NAME_PATTERN,
@@ -26,6 +27,7 @@ from agents.settings.sections import (
     pair,
     pairs,
 )
+from agents.settings.shapes import gap_m
 from agents.team.messages import MissionIdentity
 from agents.team.text import printable
 from estimation.frames import Geodetic, MissionFrame, Triple
@@ -323,6 +325,9 @@ class SecuritySection(Settings):
         return self
 
 
+_RANGE_M = 200.0
+
+
 class NetworkSection(Settings):
     """`[network]`: the bus over which the team exchanges messages (docs/onboard.md)."""
 
@@ -330,7 +335,12 @@ class NetworkSection(Settings):
     router: Annotated[str, AfterValidator(_endpoint)] | None = Field(
         None, description="endpoint of `cordon router`, if all connect to one"
     )
-    range_m: float = Field(200.0, gt=0.0, le=100000.0, description="radio range between vehicles")
+    range_m: float | None = Field(
+        None,
+        gt=0.0,
+        le=100000.0,
+        description="radio range between vehicles; none: 200 m, farther where rings or the formation need it",
+    )
     delay_s: float = Field(0.0, ge=0.0, le=5.0, description="delay of messages, in `cordon sim` only")
     loss: float = Field(0.0, ge=0.0, lt=1.0, description="share of lost messages, in `cordon sim` only")
     security: SecuritySection | None = Field(None, description="see `[network.security]`")
@@ -600,6 +610,26 @@ class Mission:
         change = self.vehicle(vehicle_id).section.sensor
         return (target or self.target).sensor.model_copy(update=change.model_dump(exclude_unset=True) if change else {})
 
+    @property
+    def range_m(self) -> float:
+        """The radio range between vehicles; the default suffices for neighbours on the rings and in the formation."""
+        if self.network.range_m is not None:
+            return self.network.range_m
+        rings = [each.encirclement for each in self.rings] or [self.encirclement]
+        return max(_RANGE_M, *(chord_m(each.radius_m, 2) for each in rings), self._neighbours_m)
+
+    @property
+    def _neighbours_m(self) -> float:
+        """The largest distance in the formation of a vehicle and the one on which it keeps station."""
+        formation, slots_m = self.formation, [each.section.slot_m for each in self.vehicles]
+        if formation.station != "predecessor":
+            return 0.0
+        placed = [each for each in slots_m if each is not None]
+        shape = formation.shape or ("free" if placed else "line")
+        if shape == "free":
+            return max((dist(*each) for each in pairwise(placed)), default=0.0)
+        return gap_m(shape, len(self.ids), self.ids.index(formation.leader), formation.spacing_m)
+
     def mission_frame(self) -> MissionFrame:
         """Return the mission frame."""
         frame, origin = self.frame, None
@@ -631,7 +661,7 @@ class Mission:
             line_start_m=self.formation.start_m or self.vehicle(self.formation.leader).section.start_m,
             altitude_m=vehicle.section.altitude_m,
             rate_hz=self.mission.rate_hz,
-            communication_radius_m=self.network.range_m,
+            communication_radius_m=self.range_m,
             plant=vehicle.plant,
             formation=self.formation,
             encirclement=self.encirclement,

@@ -228,7 +228,8 @@ def ring_change_faults(
         for number, (section, commanded) in enumerate(zip(sections, before, strict=True))
     }
     try:
-        changed = mission.replace(**wanted)
+        # The range of the radios stays: a default that follows the ring would not.
+        changed = mission.replace(network={"range_m": mission.range_m}, **wanted)
     except InputError as error:
         return list(error.faults)
     grades = {found.check: found.grade for found in feasibility(full_ring(mission, ring))}

@@ -18,6 +18,7 @@ from agents.inputs import (
     Ground,
     Killed,
     LateTicks,
+    Lying,
     Message,
     Presence,
     Rejoined,
@@ -55,6 +56,7 @@ def flown(core: VehicleCore) -> list[TickOutput]:
     core.take(TimeScale(2.0))
     core.take(Start(1.0))
     core.take(Presence(1, True))
+    core.take(Lying(3, (40.0, 2.0)))
     outputs = []
     for tick in range(200):
         now_s = tick * PERIOD_S

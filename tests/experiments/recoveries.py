@@ -3,7 +3,7 @@
 Each seed draws plants up to 15 % off their profiles, noise, and how long they encircle before supervisor and flying
 process are killed. Two teams are flown of each: from one all come home; from the other a pilot takes one vehicle, and
 another falls. Measured are the true motions. Exit code 1 if two come too near each other, a vehicle does not come home,
-or the one with a pilot is moved.
+though one whose start is near the pilot's or the fallen one lands aside, or the one with a pilot is moved.
 """
 
 import asyncio
@@ -30,6 +30,8 @@ from tests.support.wire import until
 
 COUNT = 16
 PATIENCE_S = 1800.0
+NEAR = 2.0
+"""In separations: one whose start is nearer than this to a vehicle in the way may land aside."""
 
 
 @dataclass(frozen=True)
@@ -42,6 +44,7 @@ class Recovery:
     took_s: float
     ends: dict[str, int]
     off_start_m: float
+    aside: str
     faults: tuple[str, ...]
 
     def __str__(self) -> str:
@@ -49,6 +52,7 @@ class Recovery:
         return (
             f"{self.name}: {ends} after {self.took_s:.0f} s; least distance in the air {self.least_m:.2f} m, "
             f"at like heights {self.least_level_m:.2f} m; landed at most {self.off_start_m:.2f} m from their starts"
+            f"{self.aside}"
             f"{''.join(f'; FAULT: {each}' for each in self.faults)}"
         )
 
@@ -72,8 +76,10 @@ async def flown(seed: int, folder: Path, *, troubled: bool) -> Recovery:
                     piloted_m = team.place_m(pilot)
                 code, said, result = await recovered(team, patience_s=PATIENCE_S)
         home = [i for i in team.vehicles if i not in (pilot, fallen)]
-        off_m = max(map(team.off_start_m, home))
-        faults = list(_faults(team, result, home, off_m))
+        in_the_way_m = [team.place_m(i)[:2] for i in (pilot, fallen) if i]
+        aside = [i for i in home if team.off_start_m(i) > HOME_M and _is_near(team, i, in_the_way_m)]
+        off_m = max(team.off_start_m(i) for i in home if i not in aside)
+        faults = [*_faults(team, result, home, off_m), *_faults_aside(team, aside, in_the_way_m)]
         if troubled and (team.aloft != {pilot} or dist(team.place_m(pilot), piloted_m) > 0.5):
             faults.append(f"the pilot's vehicle {pilot} was moved")
         if code != (4 if troubled else 0):
@@ -81,7 +87,25 @@ async def flown(seed: int, folder: Path, *, troubled: bool) -> Recovery:
     ends = [each["how"] or each["treatment"] for each in result["vehicles"]]
     name = f"seed {seed}, " + (f"a pilot flies {pilot}, {fallen} has fallen" if troubled else "all in the air")
     count = {how: ends.count(how) for how in ends}
-    return Recovery(name, team.least_m, team.least_level_m, result["duration_s"], count, off_m, tuple(faults))
+    sidesteps = "".join(f"; {i} landed aside, {team.off_start_m(i):.2f} m from its start" for i in aside)
+    return Recovery(
+        name, team.least_m, team.least_level_m, result["duration_s"], count, off_m, sidesteps, tuple(faults)
+    )
+
+
+def _is_near(team: Team, i: int, places_m: list[tuple[float, ...]]) -> bool:
+    """Return whether a vehicle's start is near a place in the way: there it must not land."""
+    near_m = NEAR * team.mission.safety.separation_m
+    return any(dist(team.mission.vehicle(i).section.start_m, each) < near_m for each in places_m)
+
+
+def _faults_aside(team: Team, aside: list[int], places_m: list[tuple[float, ...]]) -> Iterator[str]:
+    """Yield which of those that landed aside are too near to another vehicle, or to what is in the way."""
+    least_m = team.mission.safety.separation_m
+    for i in aside:
+        others_m = [team.place_m(other)[:2] for other in team.vehicles if other != i]
+        if min(dist(team.place_m(i)[:2], each) for each in (*others_m, *places_m)) < least_m:
+            yield f"{i} landed too near to another"
 
 
 def _faults(team: Team, result: Any, home: list[int], off_m: float) -> Iterator[str]:

@@ -153,6 +153,12 @@ def test_top_bar_on_every_size_of_screen(page: Page, served: CannedStation, subt
     served.team = lambda _: replace(ring_team(ring_mission(), 600.0), ending="killed by the operator")
     expect(page.locator("#ending")).to_have_text("Flight over: killed by the operator")
     expect(page.locator(".card[data-trouble='ended']")).to_have_count(3)
+    waits = changed(ring_team(ring_mission(), 185.0), 3, has_ended=True, in_reserve=True, tactic="", ending="landed")
+    served.team = lambda _: waits
+    expect(page.locator(".card[data-trouble='ended']")).to_have_count(1)
+    expect(page.locator(".card[data-trouble='ended'] .headline")).to_have_text("reserve")
+    expect(page.locator(".card[data-trouble='ended'] .tactic")).to_have_text("reserve")
+    expect(page.locator("#commands")).to_contain_text("(1 in reserve)")
     served.team = lambda _: replace(ring_team(ring_mission(), 0.0), time_s=None, link="case2 is not flying")
     expect(page.locator("#link")).to_have_text("▲ case2 is not flying")
     expect(page.locator("#elapsed")).to_have_text("not started")

@@ -8,6 +8,7 @@ export class Selection {
   #planned = [];
   #ended = new Set();
   #missing = 0;
+  #reserves = 0;
   #chosen = new Set();
   #listeners = [];
   #timer = null;
@@ -18,7 +19,7 @@ export class Selection {
   start(vehicle_ids) {
     this.#planned = vehicle_ids;
     this.#ended.clear();
-    this.#missing = 0;
+    this.#missing = this.#reserves = 0;
     this.#choose(vehicle_ids.filter((id) => this.#chosen.has(id)));
   }
 
@@ -26,10 +27,12 @@ export class Selection {
   update(team) {
     const ended = team.vehicles.filter((each) => each.has_ended || each.ending);
     const missing = ended.filter((each) => each.is_unaccounted).length;
+    const reserves = ended.filter((each) => each.in_reserve).length;
     const isSame = ended.length === this.#ended.size && ended.every((each) => this.#ended.has(each.vehicle_id));
-    if (isSame && missing === this.#missing) return;
+    if (isSame && missing === this.#missing && reserves === this.#reserves) return;
     this.#ended = new Set(ended.map((each) => each.vehicle_id));
     this.#missing = missing;
+    this.#reserves = reserves;
     this.#choose([...this.#chosen].filter((id) => !this.#ended.has(id)));
   }
 
@@ -81,7 +84,7 @@ export class Selection {
 
   /** Why vehicles receive no commands, with their numbers; empty if all receive them. */
   get without() {
-    const counts = { ended: this.#ended.size - this.#missing, missing: this.#missing };
+    const counts = { ended: this.#ended.size - this.#missing - this.#reserves, missing: this.#missing, "in reserve": this.#reserves };
     return Object.entries(counts).flatMap(([why, count]) => (count ? `${count} ${why}` : [])).join(", ");
   }
 

@@ -3,7 +3,7 @@
 import { drawing, element, setAttribute, setText } from "./dom.js";
 import { reach } from "./marks.js";
 import { age, metres } from "./units.js";
-import { lastSeen, trouble } from "./vehicles.js";
+import { lastSeen, RESERVE, trouble } from "./vehicles.js";
 
 const ARROW = "M0,-15 L11,12 L0,6 L-11,12 Z";
 const ROUND = "M-9,0 A9,9 0 1 0 9,0 A9,9 0 1 0 -9,0 Z";
@@ -32,7 +32,7 @@ export function showVehicle(symbol, vehicle, team, rotation_deg) {
   setAttribute(symbol.shape, "fill", isCurrent ? symbol.colour : `url(#hatch-${symbol.id})`);
   setAttribute(symbol.shape, "stroke", isCurrent ? null : symbol.colour);
   setAttribute(symbol.shape, "transform", `rotate(${(rotation_deg ?? 0).toFixed(0)})`);
-  const words = state === "ended" ? "ended" : lastSeen(vehicle);
+  const words = vehicle.in_reserve ? RESERVE : state === "ended" ? "ended" : lastSeen(vehicle);
   const sign = state === "alarm" ? "■ " : "";
   setText(symbol.label, `${sign}${symbol.id} · ${words || metres(vehicle.position_m[2])}`);
 }

@@ -6,6 +6,7 @@ import { age, UNKNOWN } from "./units.js";
 /** Vehicles of a picture older than this, in seconds, are drawn as stale. */
 export const PICTURE_AGE_MAX_S = 1;
 const CHARGE_LOW = 0.35;
+export const RESERVE = "reserve";
 const RANKS = { alarm: 0, stale: 1, warning: 2, information: 3, ended: 4 };
 
 /**
@@ -67,6 +68,7 @@ export function lastSeen(vehicle) {
 
 /** The headline of a card: how it ended, its alert, that it is stale, or "no alert". */
 export function headline(vehicle, team) {
+  if (vehicle.in_reserve) return RESERVE;
   if (trouble(vehicle, team) === "ended") return ["ended", vehicle.ending].filter(Boolean).join(": ");
   return [alert(vehicle), lastSeen(vehicle)].filter(Boolean).join(", ") || "no alert";
 }
@@ -77,6 +79,7 @@ const TAKE_OFF = "take-off";
 /** A vehicle's tactic with its ring if there are several, or that it takes off, and what the guard keeps doing meanwhile: "hold, evading 1". */
 export function tactic(vehicle) {
   if (vehicle.is_unaccounted) return MISSING;
+  if (vehicle.in_reserve) return RESERVE;
   const flies = [vehicle.tactic, vehicle.ring].filter(Boolean).join(" ");
   return [flies || (vehicle.mode === TAKE_OFF ? TAKE_OFF : UNKNOWN), vehicle.guard].filter(Boolean).join(", ");
 }

@@ -9,14 +9,15 @@ from typing import Any
 import numpy as np
 import pytest
 
-from agents.control.return_and_land import assembled
+from agents.control.return_and_land import ASIDE_AFTER_S, WAY_EXTRA_S, assembled
 from agents.core import VehicleCore
-from agents.inputs import Message, Start, TacticEvent
+from agents.inputs import Command, Lying, Message, Start, TacticEvent
+from agents.notes import Note
 from agents.safety.endurance import return_duration_s
 from agents.settings.config import AgentConfig
 from agents.settings.sections import ChoreographySettings
 from agents.tactics import Event, Tactic
-from agents.team.messages import BusMessage, MemberState
+from agents.team.messages import BusMessage, Goal, MemberState, OperatorCommand
 from estimation.plant.model import exact_step
 from estimation.state import Telemetry, Vector
 
@@ -65,6 +66,7 @@ class Sky:
         make: MakeConfig,
         places: dict[int, tuple[float, float]],
         rally: tuple[tuple[float, float], ...] = (),
+        fence_m: tuple[tuple[float, float], ...] = (),
         **choreography: Any,
     ) -> None:
         settings = ChoreographySettings(**choreography)
@@ -77,7 +79,8 @@ class Sky:
                     home_m=HOMES[i],
                     rally_m=tuple((x, y + HOMES[i][1]) for x, y in rally),
                     layers_from_m=8.0,
-                    safety={"separation_m": 2.0},
+                    starts_m=tuple(HOMES.values()),
+                    safety={"separation_m": 2.0, "fence_m": fence_m},
                 ),
                 np.array([*place, 0.0, 0.0]),
                 8.0,
@@ -90,18 +93,21 @@ class Sky:
     def up(self) -> Iterator[Flyer]:
         return (each for each in self.flyers.values() if each.down_s is None)
 
-    def step(self) -> None:
+    def step(self) -> dict[int, tuple[Note, ...]]:
         self.now_s += DT_S
+        self.notes: dict[int, tuple[Note, ...]] = {}
         sent = {i: self._tick(each) for i, each in self.flyers.items() if each.down_s is None}
         for sender, messages in sent.items():
             for i, each in self.flyers.items():
                 for message in messages if i != sender else ():
                     each.core.take(Message(self.now_s, message))
+        return self.notes
 
     def _tick(self, flyer: Flyer) -> list[BusMessage]:
         x, y, x_rate, y_rate = flyer.motion.tolist()
         flyer.core.take(Telemetry(self.now_s, (x, y, flyer.height_m), (x_rate, y_rate, 0.0)))
         output = flyer.core.tick(self.now_s)
+        self.notes[flyer.config.vehicle_id] = output.status.notes
         if flyer.core.tactic is Tactic.LAND:
             flyer.sink()
             flyer.down_s = self.now_s if flyer.height_m <= 0.0 else None
@@ -185,18 +191,181 @@ def test_one_that_comes_down_alone_does_not_wait_for_those_that_fly_on(make_conf
     assert [i for i, each in sky.flyers.items() if each.down_s is not None] == [2]
 
 
-def test_none_lands_beside_one_that_a_pilot_flies_below_it(make_config: MakeConfig) -> None:
-    sky = settled(Sky(make_config, {1: (0.0, 1.0), 2: (20.0, 0.0)}, **RETURN))
-    piloted, returning = sky.flyers[1], sky.flyers[2]
-    piloted.core.take(TacticEvent(Event.HANDED_OVER))
-    piloted.height_m = 6.0
+def above_a_pilot(make: MakeConfig, pilot: tuple[float, float] = (0.0, 1.0), **settings: Any) -> Sky:
+    """Vehicle 2 returns to (0, 0), and a pilot holds vehicle 1 below that."""
+    sky = settled(Sky(make, {1: pilot, 2: (20.0, 0.0)}, **{**RETURN, **settings}))
+    sky.flyers[1].core.take(TacticEvent(Event.HANDED_OVER))
+    sky.flyers[1].height_m = 6.0
     sky.end(2)
-    settled(sky, 600)
-    assert returning.core.tactic is Tactic.RETURN_AND_LAND, "it waits above its start"
-    assert dist(returning.place, HOMES[2]) < 1.0
-    piloted.motion[0] = 8.0
-    settled(sky, 400)
-    assert returning.down_s is not None
+    return sky
+
+
+def pilot_goes(sky: Sky, i: int, to: tuple[float, float]) -> None:
+    """Let a pilot fly a vehicle to a place at 2 m/s."""
+    flyer = sky.flyers[i]
+    while (away_m := dist(flyer.place, to)) > 0.2:
+        velocity = 2.0 * (np.array(to) - flyer.motion[:2]) / away_m
+        flyer.motion[:] = *(flyer.motion[:2] + DT_S * velocity), *velocity
+        sky.step()
+    flyer.motion[2:] = 0.0
+
+
+def landed(sky: Sky, i: int = 2, within_s: float = 400.0) -> float:
+    """Fly until a vehicle is down, and return its least distance across to another that is at or below its height."""
+    least_m, until_s, flyer = 99.0, sky.now_s + within_s, sky.flyers[i]
+    while flyer.down_s is None and sky.now_s < until_s:
+        sky.step()
+        others = [each for each in sky.flyers.values() if each is not flyer and each.height_m < flyer.height_m + 1.0]
+        if flyer.core.tactic is Tactic.LAND:
+            least_m = min([least_m, *(dist(each.place, flyer.place) for each in others)])
+    return least_m
+
+
+def places_about(wanted_m: tuple[float, float], taken_m: list[tuple[float, float]], keep_m: float) -> float:
+    """The distance to the nearest place that is as far from all that are taken, on a grid of 5 cm."""
+    x, y = np.meshgrid(np.arange(-12.0, 12.0, 0.05), np.arange(-12.0, 12.0, 0.05))
+    away_m = np.min([np.hypot(x - a, y - b) for a, b in taken_m], axis=0)
+    return float(np.hypot(x - wanted_m[0], y - wanted_m[1])[away_m >= keep_m].min())
+
+
+def test_none_lands_past_one_that_a_pilot_flies_but_beside_it(make_config: MakeConfig) -> None:
+    sky = above_a_pilot(make_config)
+    returning, arrived_s = sky.flyers[2], 0.0
+    while not (arrived_s and dist(returning.place, HOMES[2]) > 1.5):
+        sky.step()
+        if dist(returning.place, HOMES[2]) < 1.0:
+            arrived_s = arrived_s or sky.now_s
+        assert returning.core.tactic is Tactic.RETURN_AND_LAND
+        assert sky.now_s < 300.0
+    assert sky.now_s - arrived_s == pytest.approx(ASIDE_AFTER_S, abs=5.0), "it waits above its start at first"
+    assert returning.height_m == pytest.approx(returning.config.return_altitude_m, abs=0.2)
+    assert landed(sky) > 2.9, "1.5 separations of 2 m, and it does not drift"
+    taken = [sky.flyers[1].place, HOMES[1], HOMES[3]]
+    nearest_m = places_about(HOMES[2], taken, 3.0)
+    assert nearest_m - 0.1 < dist(returning.place, HOMES[2]) < nearest_m + 0.6
+    assert min(dist(returning.place, each) for each in taken) > 2.9
+
+
+def test_it_lands_at_its_start_if_the_pilot_leaves_in_time(make_config: MakeConfig) -> None:
+    sky = settled(above_a_pilot(make_config), 400)
+    assert sky.flyers[2].core.tactic is Tactic.RETURN_AND_LAND
+    pilot_goes(sky, 1, (8.0, 1.0))
+    landed(sky)
+    assert dist(sky.flyers[2].place, HOMES[2]) < 1.0
+
+
+def test_it_chooses_anew_when_the_pilot_follows_it(make_config: MakeConfig) -> None:
+    sky = above_a_pilot(make_config)
+    returning = sky.flyers[2]
+    goals, first_s = set[tuple[float, float]](), 0.0
+    for _ in range(4000):
+        sky.step()
+        if (goal := returning.core._planner.goal) is not None and len(goals) < 3:
+            first_s = first_s if goals else sky.now_s
+            goals.add((goal.x_m, goal.y_m))
+            if len(goals) < 3:  # until its third choice the pilot goes where it goes
+                pilot_goes(sky, 1, (goal.x_m, goal.y_m))
+        if returning.core.tactic is Tactic.LAND:
+            break
+    assert len(goals) == 3
+    assert sky.now_s - first_s < WAY_EXTRA_S, "it chooses at once, not when its way takes too long"
+    assert landed(sky) > 2.5
+
+
+@pytest.mark.parametrize("earlier", [True, False])
+def test_of_two_that_choose_one_place_the_later_in_the_landing_order_chooses_anew(
+    make_config: MakeConfig, earlier: bool
+) -> None:
+    sky = above_a_pilot(make_config, landing_order=(3, 2, 1) if earlier else (2, 3, 1))
+    core = sky.flyers[2].core
+    while (chosen := core._planner.goal) is None:
+        sky.step()
+        assert sky.now_s < 300.0
+    for _ in range(15):
+        far, still = (30.0, 30.0), (0.0, 0.0)
+        state = MemberState(3, sky.now_s, "return and land", far, still, far, still, 17.0, goal=chosen)
+        core.take(Message(sky.now_s, state))
+        sky.step()
+    anew = core._planner.goal
+    assert anew is not None
+    assert (dist((anew.x_m, anew.y_m), (chosen.x_m, chosen.y_m)) > 2.9) is earlier
+
+
+def test_without_a_free_place_it_waits(make_config: MakeConfig) -> None:
+    narrow_m = ((-2.5, -5.5), (2.5, -5.5), (2.5, 5.5), (-2.5, 5.5))
+    sky = Sky(make_config, {1: (0.0, 1.0), 2: (0.0, -1.5)}, fence_m=narrow_m, **RETURN)
+    sky = settled(sky)
+    sky.flyers[1].core.take(TacticEvent(Event.HANDED_OVER))
+    sky.flyers[1].height_m = 6.0
+    sky.end(2)
+    landed(sky, within_s=500.0)
+    assert sky.flyers[2].core.tactic is Tactic.RETURN_AND_LAND
+    pilot_goes(sky, 1, (20.0, 1.0))
+    landed(sky, within_s=100.0)
+    assert dist(sky.flyers[2].place, HOMES[2]) < 1.0
+
+
+def test_one_that_lands_in_place_does_not_land_past_a_pilot(make_config: MakeConfig) -> None:
+    sky = settled(Sky(make_config, {1: (0.0, 1.0), 2: (0.0, 0.0)}, layer_m=LAYER_M))
+    sky.flyers[1].core.take(TacticEvent(Event.HANDED_OVER))
+    sky.flyers[1].height_m = 6.0
+    began = sky.flyers[2].height_m
+    sky.end(2)
+    sky.step()
+    assert sky.flyers[2].core.tactic is Tactic.RETURN_AND_LAND
+    settled(sky, 250)
+    assert dist(sky.flyers[2].place, (0.0, 0.0)) < 0.5
+    assert landed(sky) > 2.9
+    assert began == sky.flyers[2].config.take_off_altitude_m
+
+
+def test_none_lands_on_one_that_lies_below_or_was_last_received_there(make_config: MakeConfig) -> None:
+    for lies in (True, False):
+        sky = settled(Sky(make_config, {1: (0.5, 0.5), 2: (20.0, 0.0)}, **RETURN))
+        other = sky.flyers.pop(1)  # it is silent from now on
+        if lies:
+            sky = settled(Sky(make_config, {2: (20.0, 0.0)}, **RETURN))
+            sky.flyers[2].core.take(Lying(1, other.place))
+        settled(sky, 100)
+        sky.end(2)
+        landed(sky)
+        assert 2.9 < dist(sky.flyers[2].place, other.place) < 6.0, lies
+
+
+def test_one_that_says_it_lands_and_never_does_is_not_landed_on(make_config: MakeConfig) -> None:
+    sky = settled(Sky(make_config, {1: (0.0, 1.0), 2: (0.0, 0.0)}, layer_m=LAYER_M))
+    sky.flyers[1].sink = lambda: None  # type: ignore[method-assign]
+    sky.end()
+    began_s = sky.now_s
+    assert landed(sky) > 2.9
+    assert sky.now_s - began_s > 120.0, "it waits for it as long as for one that lands"
+
+
+def test_two_above_one_pilot_land_at_different_places(make_config: MakeConfig) -> None:
+    sky = settled(Sky(make_config, {1: (20.0, 5.0), 2: (20.0, 0.0), 3: (0.0, -2.0)}, **RETURN))
+    sky.flyers[3].core.take(TacticEvent(Event.HANDED_OVER))
+    sky.flyers[3].height_m = 6.0
+    sky.flyers[3].motion[:2] = 0.0, 2.0  # between both starts
+    sky.end(1, 2)
+    for i in (1, 2):
+        assert landed(sky, i) > 2.9
+    assert dist(sky.flyers[1].place, sky.flyers[2].place) > 2.9
+
+
+def test_a_goto_does_not_land_past_a_pilot(make_config: MakeConfig) -> None:
+    sky = settled(Sky(make_config, {1: (20.0, 5.0), 2: (20.0, 0.0)}, layer_m=LAYER_M))
+    hold = OperatorCommand(sky.now_s, "hold", 2, "ground", 1)
+    goto = OperatorCommand(sky.now_s, "goto", 2, "ground", 2, place=Goal(10.0, 0.0, lands=True))
+    for command in (hold, goto):
+        sky.flyers[2].core.take(Command(sky.now_s, command))
+    sky.flyers[1].core.take(TacticEvent(Event.HANDED_OVER))
+    sky.flyers[1].height_m, sky.flyers[1].motion[0], sky.flyers[1].motion[1] = 6.0, 10.0, 1.0
+    notes = [note for _ in range(300) for note in sky.step().get(2, ())]
+    assert sky.flyers[2].core.tactic is Tactic.HOLD
+    assert dist(sky.flyers[2].place, (10.0, 0.0)) < 1.0
+    refused = [note.command.did for note in notes if note.command is not None and note.command.is_refused]
+    assert len(refused) == 1
+    assert "vehicle 1" in refused[0]
 
 
 def test_every_wait_is_bounded(make_config: MakeConfig) -> None:

@@ -82,6 +82,17 @@ def test_inside_is_inside_and_the_clearance_is_how_far(corners: Corners, offset:
     assert nearest_m - step_m(corners) <= abs(clearance_m) <= nearest_m + 1e-9
 
 
+@given(corners=polygons(), offset=offsets)
+def test_clearances_of_many_places_are_those_by_shapely(corners: Corners, offset: Corner) -> None:
+    places = [near(corners, offset), near(corners, (0.0, 0.0)), *[(x, y + 0.1) for x, y in corners]]
+    shape, edge = Polygon(corners), RoundEdge(corners[0], 3.0)
+    expected = [shape.exterior.distance(Point(each)) * (1 if shape.covers(Point(each)) else -1) for each in places]
+    assert Fence(corners).clearances_m(np.array(places)) == pytest.approx(np.array(expected), abs=1e-6)
+    assert Fence(corners, encloses=False).clearances_m(np.array(places)) == pytest.approx(-np.array(expected), abs=1e-6)
+    outside_m = [Point(corners[0]).distance(Point(each)) - 3.0 for each in places]
+    assert edge.clearances_m(np.array(places)) == pytest.approx(np.array(outside_m), abs=1e-6)
+
+
 @given(corners=polygons(), offset=offsets, turn=st.floats(0.0, 2.0 * pi))
 def test_the_reach_is_how_far_it_is_straight_on_to_the_fence(corners: Corners, offset: Corner, turn: float) -> None:
     (x, y), path = near(corners, offset), Path([*corners, corners[0]], closed=True)

@@ -210,6 +210,24 @@ def test_a_link_that_is_cut_is_reported_within_a_second() -> None:
     run_simulated(main())
 
 
+def test_a_vehicle_in_reserve_is_reported_as_such_until_it_flies() -> None:
+    async def main() -> None:
+        flight = FakeFlight()
+        listener = Listener(flight)
+        await flight.agent.connect()
+        flight.agent.announce()
+        flight.agent.stand_by(60.0)
+        await asyncio.sleep(0.1)
+        assert (listener.newest.in_reserve, bool(listener.newest.ended)) == (True, True)
+        flying = asyncio.create_task(flight.agent.fly_again(60.0, flight.stop))
+        await flight.until(Phase.FLYING)
+        assert (listener.newest.in_reserve, listener.newest.ended) == (None, "")
+        flight.stop.request()
+        await flying
+
+    run_simulated(main())
+
+
 def test_an_end_is_reported_at_once_where_nothing_else_changes() -> None:
     async def main() -> None:
         flight = FakeFlight()

@@ -8,15 +8,19 @@ import time
 import tomllib
 from functools import partial
 from itertools import product
+from math import ceil
 from pathlib import Path
 from typing import get_args
 
 import psutil
 import pytest
 
+import cordon
 from agents.settings.shapes import SPACED_SHAPES
 from gcs.mission.file import bundled_missions, load_mission, parse_mission
-from gcs.mission.template import PROFILES, Links, NewMission, own_ports
+from gcs.mission.template import PROFILES, Links, NewMission, least_radius_m, own_ports
+from gcs.preflight.findings import Grade
+from gcs.preflight.mission import feasibility
 from tests.conftest import RunHere
 from tests.support.wording import facts_missing
 
@@ -48,6 +52,18 @@ def chosen(**changes: object) -> NewMission:
     usual = {"name": "my", "vehicles": 5, "links": "stub", "profile": "stub", "shape": "line", "radius_m": 15.0}
     more = {"angular_rate_rad_s": 0.1, "target_speed_m_s": 0.1, "fence_m": 20.0, "ports": range(20000, 20254)}
     return NewMission(**{**usual, **more, **changes})  # type: ignore[arg-type]  # by name
+
+
+@pytest.mark.parametrize("count", [2, 3, 64, 200, 254])
+def test_a_mission_of_any_size_is_accepted(count: int) -> None:
+    """With the radius and the rate that the questions propose."""
+    radius_m = float(max(10, ceil(1.5 * least_radius_m(count))))
+    text = chosen(vehicles=count, radius_m=radius_m, angular_rate_rad_s=min(0.1, 1.0 / radius_m)).text
+    mission = parse_mission(text, Path(), {})
+    if count <= 64:  # a larger one takes half a minute
+        assert [each.found for each in feasibility(mission) if each.grade is not Grade.PASS] == []
+        flown = cordon.simulate(mission, duration_s=2.0)
+        assert {*flown.vehicles} == {*mission.ids}
 
 
 def test_a_mission_of_ones_own_settles_on_its_ring(new: RunHere, tmp_path: Path) -> None:

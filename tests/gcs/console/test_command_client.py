@@ -112,6 +112,16 @@ async def test_the_end_of_a_flight_that_arrives_before_the_answer_to_the_kill_do
     assert answers[3].did == did
 
 
+async def test_a_vehicle_in_reserve_is_known_as_such_until_it_flies(mission_file: Callable[..., str]) -> None:
+    client = CommandClient(load_mission(mission_file("case2", INSECURE)), Identity(Participant("operator", "pat")))
+    waits = VehicleReport(3, 100.0, "hold", ended="landed: in reserve", in_reserve=True)
+    client._bus = ScriptedBus((CommandAnswer(2, 100.0, 7, "holds", "hold", "pat", "obeyed"), waits))  # type: ignore[assignment]
+    await client.command("hold", (2, 3), None, number=7)
+    assert client.in_reserve == {3}
+    client._receive(VehicleReport(3, 101.0, "offboard"))
+    assert client.in_reserve == set()
+
+
 class RingingBus(ScriptedBus):
     """Sends states of vehicles, each with the commanded ring that it has, and the vehicles' answers to commands."""
 

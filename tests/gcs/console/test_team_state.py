@@ -74,6 +74,22 @@ def test_silence_is_news_once_and_so_is_its_end() -> None:
     assert not picture.rows(3.0)[0].is_stale
 
 
+def test_a_vehicle_in_reserve_is_shown_as_such_and_not_as_one_whose_flight_has_ended() -> None:
+    team = TeamState((1, 2), frame=MissionFrame(None))
+    team.receive(VehicleReport(1, 100.0, "hold", ended="landed: in reserve", in_reserve=True), 0.0)
+    (reserve, absent), output = team.rows(1.0), StringIO()
+    assert (reserve.in_reserve, reserve.note, absent.in_reserve) == (True, "", False)
+    with WatchView(Console(file=output, width=100, force_terminal=True, color_system=None, _environ={})) as view:
+        view.update([reserve, absent], 1.0)
+    shown = [line.split()[:2] for line in output.getvalue().splitlines() if "reserve" in line]
+    assert shown[-1] == ["1", "reserve"]
+    assert "ended" not in output.getvalue()
+    assert "#1 reserve" in watch_line([reserve, absent], 1.0, "")
+    team.receive(VehicleReport(1, 101.0, "offboard"), 2.0)
+    team.receive(state(1), 2.0)
+    assert team.rows(2.0)[0].over == "ended"
+
+
 def test_a_vehicle_that_is_unaccounted_for_is_first_and_no_longer_silent_and_one_that_landed_has_ended() -> None:
     team = TeamState((1, 2), frame=MissionFrame(None))
     landed = VehicleReport(1, 100.0, "land", ended="landed", is_completed=True)

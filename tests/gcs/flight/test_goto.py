@@ -66,6 +66,21 @@ def test_a_vehicle_lands_where_it_is_sent_to(mission: cordon.Mission) -> None:
     assert {*vehicle.tactic[702:landing]} == {"hold"}
 
 
+@pytest.mark.parametrize(("first", "later", "after_s"), [(3, 2, 0.06), (2, 3, 0.06), (2, 3, 0.0)])
+def test_of_two_that_are_sent_to_one_place_at_once_the_later_gives_its_way_up(
+    mission: cordon.Mission, first: int, later: int, after_s: float
+) -> None:
+    """Neither knows where the other goes when it is sent there; of the same time, the smaller id goes on."""
+    place = f"x={ACROSS[0]} y={ACROSS[1]}"
+    events = [Commanded(70.0, f"goto {first} {place}"), Commanded(70.0 + after_s, f"goto {later} {place}")]
+    flown = cordon.simulate(mission, seed=SEED, duration_s=110.0, events=events)
+    assert dist(flown.vehicles[first].position_m[-1], ACROSS) < 1.0
+    assert any("has arrived" in each for each in outcomes(flown, first))
+    assert dist(flown.vehicles[later].position_m[-1], ACROSS) > 4.0
+    given_up = [each for each in outcomes(flown, later) if f"vehicle {first}" in each]
+    assert len(given_up) == 1, outcomes(flown, later)
+
+
 def test_hold_stops_a_vehicle_on_its_way(mission: cordon.Mission) -> None:
     events = [Commanded(70.0, f"goto 2 x={ACROSS[0]} y={ACROSS[1]}"), Commanded(73.0, "hold", 2)]
     flown = cordon.simulate(mission, seed=SEED, duration_s=110.0, events=events)

@@ -205,6 +205,25 @@ def test_neighbours_on_the_ring_hear_each_other() -> None:
     parsed(changed({("network", "range_m"): 20.1}))
 
 
+def test_the_default_range_follows_the_mission() -> None:
+    """200 m, or what neighbours need: opposite each other on the ring, or the next in the formation."""
+    rows: list[tuple[Changes, float]] = [
+        ({}, 200.0),
+        ({("encirclement", "radius_m"): 150.0, ("encirclement", "angular_rate_rad_s"): 0.01}, 300.0),
+        ({("formation", "spacing_m"): 250.0}, 250.0),
+        ({("formation", "spacing_m"): 130.0, ("formation", "shape"): "column"}, 260.0),
+        ({("formation", "spacing_m"): 250.0, ("formation", "station"): "line"}, 200.0),
+        ({("vehicles", i, "slot_m"): [0.0, 210.0 * i] for i in range(3)}, 210.0),
+        ({("network", "range_m"): 185.0}, 185.0),
+    ]
+    for changes, range_m in rows:
+        mission = parsed(changed(changes))
+        assert mission.range_m == range_m, changes
+        assert mission.agent_config(mission.vehicles[0]).communication_radius_m == range_m
+        explicit = parsed(changed(changes | {("network", "range_m"): range_m}))
+        assert explicit.identity == mission.identity
+
+
 def test_the_nearest_other_vehicle_is_the_one_at_the_shortest_horizontal_distance() -> None:
     places_m = {1: (0.0, 0.0), 2: (3.0, 4.0), 7: (-4.0, 0.0)}
     assert nearest_other(1, places_m) == (7, 4.0)

@@ -5,6 +5,7 @@ from math import hypot
 import pytest
 
 from agents.team.messages import MISSION_RING, CommandedRing, RingValues
+from gcs.mission.file import load_mission
 from gcs.preflight.findings import MISSION, Finding, Grade
 from gcs.preflight.mission import (
     extent_m,
@@ -114,3 +115,10 @@ def test_a_command_is_checked_with_the_values_that_vehicles_fly() -> None:
     assert ring_change_faults(mission, RingValues(altitude_m=below_m + needed_m - 4e-4), ring=1) == []
     (low,) = ring_change_faults(mission, RingValues(altitude_m=below_m + needed_m - 6e-4), ring=1)
     assert f"{needed_m - 1e-3:g} m in height" in low
+
+
+def test_a_commanded_ring_has_to_be_within_the_range_of_the_mission_s_own() -> None:
+    """The default of the range follows the mission's ring, not a commanded one: radios stay as they are."""
+    mission = load_mission("case1").replace(encirclement={"angular_rate_rad_s": 0.005})
+    faults = ring_change_faults(mission, RingValues(radius_m=110.0))
+    assert any("network.range_m = 200 m" in each for each in faults), faults

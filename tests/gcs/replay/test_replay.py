@@ -19,6 +19,7 @@ from agents.inputs import (
     Ground,
     Killed,
     LateTicks,
+    Lying,
     Message,
     Presence,
     Rejoined,
@@ -367,6 +368,7 @@ ITEMS: dict[CoreInput, tuple[str, ...]] = {
     Killed(101.0, "it flies on"): ("motors", "it flies on"),
     Rejoined(101.0, "its battery is at 3 %"): ("its battery is at 3 %",),
     Presence(3, present=False): ("vehicle 3",),
+    Lying(3, (1.0, 2.0)): ("vehicle 3", "(1.00, 2.00) m"),
     Tick(101.0): ("tick", "1.000 s"),
 }
 

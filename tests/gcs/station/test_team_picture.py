@@ -85,6 +85,14 @@ def test_nothing_is_known_of_a_team_that_was_not_heard() -> None:
     assert (picture.wall_s, picture.link, picture.ring_members) == (UNIX_S + 5.0, "no flight", 0)
 
 
+def test_a_vehicle_in_reserve_is_marked_until_it_flies() -> None:
+    page = Page()
+    page.hears(10.0, report(3, START_S, ended="landed: in reserve", in_reserve=True))
+    assert (page.vehicle(3, 10.1).in_reserve, page.vehicle(3, 10.1).has_ended) == (True, True)
+    page.hears(11.0, report(3, START_S + 1.0))
+    assert (page.vehicle(3, 11.1).in_reserve, page.vehicle(3, 11.1).has_ended) == (False, False)
+
+
 def test_every_field_is_that_of_the_messages() -> None:
     page = Page()
     place = NeighbourAngle(1, START_S + 20.0, 1.0, 0.05, 10.5)
