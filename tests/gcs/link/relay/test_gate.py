@@ -147,9 +147,10 @@ def test_motion_and_attitude_are_read_as_pymavlink_writes_them(version: Any) -> 
     numbers = (0.1, -2.5, 3e4, 0.0, nan, 0.0)
     for make in (version.MAVLink_local_position_ned_message, version.MAVLink_attitude_message):
         frame = bytes(make(70_123, *numbers).pack(sender))
-        time_ms, *read = timed_numbers(frame) or ()
-        assert time_ms == 70_123
-        assert read == pytest.approx(numbers, rel=1e-7, nan_ok=True)
+        read = timed_numbers(frame)
+        assert read is not None
+        assert read.time_ms == 70_123
+        assert read[1:] == pytest.approx(numbers, rel=1e-7, nan_ok=True)
         for at in range(2, len(frame)):  # the length, before, decides what the frame is
             damaged = frame[:at] + bytes((frame[at] ^ 1,)) + frame[at + 1 :]
             assert _is_refused(damaged), at
