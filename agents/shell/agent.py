@@ -248,7 +248,7 @@ class Agent:
             await linking
         finally:
             linking.cancel()
-            await asyncio.wait([linking])
+            await asyncio.gather(linking, return_exceptions=True)
 
     async def connect_link(self) -> None:
         """Connect to the vehicle alone, again after it was not received. Raises VehicleRefusedError."""
