@@ -241,9 +241,14 @@ class Agent:
         return self._reporter.last_position if self._is_unaccounted else None
 
     async def connect(self) -> None:
-        """Connect to the vehicle and the peers; nothing moves. Raises VehicleRefusedError."""
-        await self._parts.bus.open(self._receive, OutsideSensors(self._parts).take, self._note_presence)
-        await self.connect_link()
+        """Connect to the vehicle and the peers at once; nothing moves. Raises VehicleRefusedError."""
+        linking = asyncio.create_task(self.connect_link())
+        try:
+            await self._parts.bus.open(self._receive, OutsideSensors(self._parts).take, self._note_presence)
+            await linking
+        finally:
+            linking.cancel()
+            await asyncio.gather(linking, return_exceptions=True)
 
     async def connect_link(self) -> None:
         """Connect to the vehicle alone, again after it was not received. Raises VehicleRefusedError."""

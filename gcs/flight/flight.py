@@ -321,16 +321,17 @@ async def _unless_stopped(preparing: Coroutine[None, None, None], stop: Stop) ->
 
 async def _prepare(team: FlightTeam, target: TargetVehicle, report: FindingsReport) -> None:
     """Connect, agree on the clock's speed and check everything before a vehicle is armed."""
+    feasible = asyncio.create_task(asyncio.to_thread(team.plan.feasibility))  # while the links wait for the vehicles
     await team.connect()
     await target.connect()
-    readiness = Readiness(team)
+    readiness = Readiness(team, feasible)
     if team.plan.speed is None and not team.plan.is_governed:
         await readiness.measure_speed()
     for agent in team.agents:
         agent.announce()
     if team.plan.checklist is not None:
         await ChecklistWait(team, team.plan.checklist).done()
-    findings = await (StartWait(team).findings() if team.plan.awaits_start else readiness.findings())
+    findings = await (StartWait(team, feasible).findings() if team.plan.awaits_start else readiness.findings())
     report(findings)
     refused = sum(finding.grade is Grade.REFUSE for finding in findings)
     if refused:

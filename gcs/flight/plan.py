@@ -21,6 +21,7 @@ from gcs.mission.planner import ChosenPlanner, require_loaded
 from gcs.preflight.computer import ComputerFacts
 from gcs.preflight.findings import Finding, VehicleFacts
 from gcs.preflight.keys import KeyFacts
+from gcs.preflight.mission import feasibility
 from gcs.preflight.preflight import preflight
 from sitl.server.shared_clock import ClockName
 
@@ -100,8 +101,20 @@ class FlightPlan:
         """Whether a vehicle flies on the wall's clock: one that is no stub of this flight."""
         return not self.is_governed
 
-    def findings(self, facts: Sequence[VehicleFacts], computer: ComputerFacts | None = None) -> Sequence[Finding]:
-        """Return the preflight findings about the mission, its vehicles, its keys and this computer, as measured."""
+    def feasibility(self) -> Sequence[Finding]:
+        """Return the preflight findings about the mission alone, which take 0.7 s to compute for a ring of 32."""
+        return tuple(feasibility(self.mission, stubs=self.only_stubs))
+
+    def findings(
+        self,
+        facts: Sequence[VehicleFacts],
+        computer: ComputerFacts | None = None,
+        feasible: Sequence[Finding] | None = None,
+    ) -> Sequence[Finding]:
+        """Return the preflight findings about the mission, its vehicles, its keys and this computer, as measured.
+
+        `feasible` are those about the mission alone, if they are known.
+        """
         alone = len(self.vehicles) < len(self.mission.vehicles) and leaves_this_computer(self.mission)
         clock = computer_clock() if alone else None
         key_facts = None
@@ -116,6 +129,7 @@ class FlightPlan:
             clock=clock,
             computer=computer,
             key_facts=key_facts,
+            feasible=feasible,
         )
 
     def run(self, speed: float) -> Run:

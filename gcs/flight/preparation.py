@@ -2,7 +2,7 @@
 
 import asyncio
 import time
-from collections.abc import Sequence
+from collections.abc import Awaitable, Sequence
 from math import inf
 
 from agents.ports import VehicleRefusedError
@@ -24,11 +24,18 @@ _TICK_IT = (
 )
 
 
-class Readiness:
-    """The wait for one team, at most `plan.wait_s` wall seconds from now; shows the start blockers."""
+Feasible = Awaitable[Sequence[Finding]]
 
-    def __init__(self, team: FlightTeam) -> None:
+
+class Readiness:
+    """The wait for one team, at most `plan.wait_s` wall seconds from now; shows the start blockers.
+
+    `feasible` returns the findings about the mission alone; it is awaited before each check.
+    """
+
+    def __init__(self, team: FlightTeam, feasible: Feasible) -> None:
         self._team = team
+        self._feasible = feasible
         self._end_s = time.monotonic() + team.plan.wait_s
         self._shown: set[tuple[str, str]] = set()
 
@@ -51,7 +58,7 @@ class Readiness:
         settle_s, decides = FIRST_REPORTS_S, False
         while True:
             facts, computer = await asyncio.gather(self._team.facts(settle_s), self._team.computer())
-            findings = self._team.plan.findings(facts, computer)
+            findings = self._team.plan.findings(facts, computer, await self._feasible)
             blockers = about_to_pass(findings)
             well = worst(findings) is not Grade.REFUSE
             if self._left_s <= 0.0 or (not blockers and (decides or (well and not self._shown))):
@@ -134,10 +141,14 @@ CHECK_AGAIN_S = 3.0
 
 
 class StartWait:
-    """Checks the vehicles of one team repeatedly, and lets each report what forbids its start."""
+    """Checks the vehicles of one team repeatedly, and lets each report what forbids its start.
 
-    def __init__(self, team: FlightTeam) -> None:
+    `feasible` is as in `Readiness`.
+    """
+
+    def __init__(self, team: FlightTeam, feasible: Feasible) -> None:
         self._team = team
+        self._feasible = feasible
         self._shown: list[str] = []
 
     async def findings(self) -> Sequence[Finding]:
@@ -145,7 +156,7 @@ class StartWait:
         settle_s = FIRST_REPORTS_S
         while True:
             facts, computer = await asyncio.gather(self._team.facts(settle_s), self._team.computer())
-            findings = self._team.plan.findings(facts, computer)
+            findings = self._team.plan.findings(facts, computer, await self._feasible)
             self._wait(findings)
             settle_s = 0.0
             if await self._started():

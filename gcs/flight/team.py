@@ -76,7 +76,11 @@ class TrueSensor:
         return tuple(map(self._as_reported, self._sensor.sight(now_s, true_m)))
 
     def _as_reported(self, sighting: Sighting) -> Sighting:
-        off_x, off_y = next((x, y) for at_s, x, y in self._errors_m if at_s >= sighting.time_s)
+        off_x, off_y = self._errors_m[-1][1:]
+        for at_s, x, y in reversed(self._errors_m):  # from the newest: a sighting is seldom late
+            if at_s < sighting.time_s:
+                break
+            off_x, off_y = x, y
         x, y = sighting.position_m
         return structs.replace(sighting, position_m=(x + off_x, y + off_y))
 

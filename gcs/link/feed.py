@@ -1,11 +1,15 @@
-"""Telemetry of a vehicle: MAVSDK's subscriptions, converted to the mission frame on the event loop."""
+"""Telemetry of a vehicle: MAVSDK's subscriptions, converted to the mission frame on the event loop.
+
+Motion and attitude come from the relay: their callbacks from MAVSDK, 23 a second of each vehicle, took as long as all
+else that is received, and MAVSDK drops callbacks near 1500 a second (docs/notes/performance.md).
+"""
 
 import asyncio
 import json
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from contextlib import suppress
-from math import dist, hypot, nan
+from math import degrees, dist, hypot, nan
 from typing import Any
 
 from mavsdk.plugins.telemetry import FlightMode as MavsdkMode
@@ -24,6 +28,7 @@ from gcs.link.batteries import Batteries, BatteryReport
 from gcs.link.gimbal import CameraGimbal
 from gcs.link.ground_truth import GroundTruth
 from gcs.link.heights import BAROMETER, GPS, GPS_SIGMA_M, RANGEFINDER, HeightComparison
+from gcs.link.rates import ATTITUDE, LOCAL_POSITION_NED
 from gcs.link.received_fields import (
     BAROMETER_HEIGHT,
     CHARGE,
@@ -33,6 +38,7 @@ from gcs.link.received_fields import (
     PITCH,
     ROLL,
 )
+from gcs.link.relay.frames import timed_numbers
 from gcs.link.self_reports import BATTERY, NOT_FOR_FLIGHT, SelfReports, tilt_deg
 from gcs.link.status_texts import HealthItem, StatusTexts
 from gcs.link.traffic import BASIC_ID, LOCATION, TrafficReceiver
@@ -118,8 +124,9 @@ def _difference(there: Triple, here: Triple) -> Triple:
 
 
 class VehicleFeed:
-    """The newest telemetry of one system. MAVSDK's thread posts it to the event loop; callbacks never raise.
+    """The newest telemetry of one system. Other threads post it to the event loop; callbacks never raise.
 
+    `listen` takes what receives the autopilot's frames, by message (`MavsdkHub.listen`).
     `origin_m` is the mission position of the vehicle's NED origin: no telemetry is delivered before it is set. It is
     reset when the link is lost or the autopilot restarts, which `on_loss` and `on_return` report. A restart is detected
     by a backward step of the autopilot's clock. It is also reset when it is in doubt (`doubt`): until it has been read
@@ -135,6 +142,7 @@ class VehicleFeed:
         frame: MissionFrame,
         clock: MissionClock,
         posted_calls: PostedCalls,
+        listen: Callable[[Mapping[int, Callable[[bytes], object]]], None],
         *,
         by_failsafe: Callable[[], bool] = lambda: False,
         truth: GroundTruth | None = None,
@@ -146,6 +154,8 @@ class VehicleFeed:
         self.status = VehicleStatus()
         self.motion: Telemetry | None = None
         self.dropped = 0
+        self.motions = 0
+        """How many messages of its motion have arrived."""
         self.on_telemetry: Callable[[Telemetry], None] | None = None
         self.on_loss: Callable[[], None] | None = None
         self.on_return: Callable[[], None] | None = None
@@ -192,13 +202,14 @@ class VehicleFeed:
         self._clock_s: float | None = None
         self._clock_notes: list[tuple[float, float]] | None = None
         self._posted_calls = posted_calls
+        self._listen = listen
         self._is_late = False
         self._is_connected = False
 
     def subscribe(self) -> None:
         """Subscribe only to what the control loop uses: MAVSDK drops callbacks near 1500 per second."""
         telemetry = self.plugin
-        telemetry.subscribe_position_velocity_ned(self._posting(self._take_motion))
+        self._listen({LOCAL_POSITION_NED: self._posting(self._take_motion), ATTITUDE: self._note_attitude})
         telemetry.subscribe_flight_mode(self._posting(self._take_mode))
         telemetry.subscribe_armed(self._posting(lambda armed: self._update(armed=bool(armed))))
         telemetry.subscribe_in_air(self._posting(lambda in_air: self._update(in_air=bool(in_air))))
@@ -212,7 +223,6 @@ class VehicleFeed:
             for name in ("ADSB_VEHICLE", LOCATION, BASIC_ID):
                 self.reports.direct.subscribe_message(name, self._posting(self._take_traffic))
         telemetry.subscribe_status_text(self._posting(self._take_text))
-        telemetry.subscribe_attitude_euler(self._note_attitude)
         self.reports.subscribe(telemetry, self._posting, gps=not self._frame.is_local)
         if self.truth is not None:
             self.truth.subscribe(self.reports.direct, self.autopilot.truth, self._posting)
@@ -307,8 +317,8 @@ class VehicleFeed:
         """Return the time of what carries messages: the wall's, unless the clock is governed."""
         return link_s(self._clock)
 
-    def _posting(self, take: Callable[[Any], None]) -> Callable[[Any, object], None]:
-        """Return a callback for MAVSDK's thread that runs `take` on the event loop."""
+    def _posting(self, take: Callable[[Any], None]) -> Callable[..., None]:
+        """Return a callback for another thread that runs `take` on the event loop."""
 
         def post(value: Any, _user_data: object = None) -> None:
             self._posted_calls.post(take, value)
@@ -318,15 +328,17 @@ class VehicleFeed:
     def _update(self, **changes: Any) -> None:
         self.status = replace(self.status, **changes)
 
-    def _note_attitude(self, attitude: Any, _user_data: object) -> None:
-        # On MAVSDK's thread: the time of reception is now, not the time when the event loop runs.
-        times_s = (self.link_s(), attitude.timestamp_us * 1e-6)
-        self._posted_calls.post(self._take_attitude, times_s, attitude.roll_deg, attitude.pitch_deg)
+    def _note_attitude(self, frame: bytes) -> None:
+        # On the relay's thread: the time of reception is now, not the time when the event loop runs.
+        self._posted_calls.post(self._take_attitude, self.link_s(), frame)
 
-    def _take_attitude(self, times_s: tuple[float, float], roll_deg: float, pitch_deg: float) -> None:
-        self._take_clock(times_s)
-        if ROLL.known(roll_deg) is not None and PITCH.known(pitch_deg) is not None:
-            self._update(tilt_deg=tilt_deg(roll_deg, pitch_deg))
+    def _take_attitude(self, received_s: float, frame: bytes) -> None:
+        if (attitude := timed_numbers(frame)) is None:
+            return
+        self._take_clock((received_s, attitude.time_ms * 1e-3))
+        roll_rad, pitch_rad = ROLL.known(attitude.x), PITCH.known(attitude.y)
+        if roll_rad is not None and pitch_rad is not None:
+            self._update(tilt_deg=tilt_deg(degrees(roll_rad), degrees(pitch_rad)))
 
     def _take_clock(self, times_s: tuple[float, float]) -> None:
         last_s, self._clock_s = self._clock_s, times_s[1]
@@ -388,18 +400,20 @@ class VehicleFeed:
         if self.on_return is not None:
             self.on_return()
 
-    def _take_motion(self, motion: Any) -> None:
+    def _take_motion(self, frame: bytes) -> None:
+        if (motion := timed_numbers(frame)) is None:
+            return
+        self.motions += 1
         self._motion_received_s = self.link_s()
-        position, velocity = motion.position, motion.velocity
+        north_m, east_m, down_m, rates_m_s = motion.x, motion.y, motion.z, (motion.x_rate, motion.y_rate, motion.z_rate)
         time_s = self._clock.now_s()
         if self._transit is not None:
-            rates_m_s = (velocity.north_m_s, velocity.east_m_s, velocity.down_m_s)
-            time_s = self._transit.sent_s(position.north_m, position.east_m, position.down_m, rates_m_s)
+            time_s = self._transit.sent_s(north_m, east_m, down_m, rates_m_s)
         try:
             received = Telemetry(
                 time_s,
-                self._frame.mission_from_ned((position.north_m, position.east_m, position.down_m)),
-                self._frame.mission_from_ned((velocity.north_m_s, velocity.east_m_s, velocity.down_m_s)),
+                self._frame.mission_from_ned((north_m, east_m, down_m)),
+                self._frame.mission_from_ned(rates_m_s),
             )
         except ValueError:
             self.dropped += 1

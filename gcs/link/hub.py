@@ -34,7 +34,10 @@ POLL_PERIOD_S = 0.05
 OTHERS_GRACE_S = 1.5
 """Wait for the right vehicle after another one was received: heartbeats come once a second."""
 CLAIMS_S = 1.2
-"""Wait for another sender with the same system id before the first one is taken as the vehicle [s of its clock]."""
+"""Wait for another sender with the same system id before the first one is taken as the vehicle [s of its clock]: from
+when the vehicle is looked for if it sends already by then, as another one does as well, otherwise from its first
+heartbeat.
+"""
 CLAIMS_MIN_S = 0.15
 THREADS_MAX = 64
 ISSUE = "set up its key with `cordon keys issue mavlink`, over a link that no other computer can receive (USB)"
@@ -53,7 +56,7 @@ class MavsdkHub:
         _redirect_log()
         self._link_s = time.monotonic if governed is None else governed.now_s
         self.posted_calls = PostedCalls(gathers=governed is None)
-        """Passes what MAVSDK's threads receive to the event loop, for all vehicles together."""
+        """Passes what other threads receive to the event loop, for all vehicles together."""
         self._executor = ThreadPoolExecutor(THREADS_MAX, thread_name_prefix="mavsdk-hub")
         self._mavsdk: Any = None
         self._relays: dict[str, tuple[Relay, Any]] = {}
@@ -114,10 +117,22 @@ class MavsdkHub:
         url = self._vehicles.get(system_id)
         return self._relays[url][0].messages(system_id) if url in self._relays else {}
 
+    def listen(self, system_id: int, listeners: Mapping[int, Callable[[bytes], object]]) -> None:
+        """Call these functions, by message, with the frames of a vehicle's autopilot, in the thread of its relay."""
+        url = self._vehicles.get(system_id)
+        if url in self._relays:
+            self._relays[url][0].listen(system_id, listeners)
+
     def set_pace(self, url: str, pace: RateController, speed: float) -> None:
         """Set a connection's pace of sending; the mission clock runs `speed` times as fast as the wall's."""
         if pace.is_bound and url in self._relays:
             self._relays[url][0].pace(pace.up_bytes_s, pace.rates.setpoint_hz * speed, pace.copies)
+
+    def repeat_heartbeat(self, system_id: int) -> None:
+        """Let MAVSDK receive the vehicle's newest heartbeat again: what begins to listen now gets its flight mode."""
+        url = self._vehicles.get(system_id)
+        if url in self._relays:
+            self._relays[url][0].repeat_heartbeat(system_id)
 
     def mute(self, url: str, system_id: int, muted: bool) -> None:
         """Send a vehicle no setpoint from now on, or again."""
@@ -180,7 +195,8 @@ class MavsdkHub:
         self, relay: Relay, url: str, system_id: int, timeout_s: float, claims_s: float, signing: Signing | None
     ) -> None:
         """Wait for the vehicle's heartbeats, and verify their sender if it is the only one."""
-        end_s = time.monotonic() + timeout_s
+        began_s = time.monotonic()
+        end_s = began_s + timeout_s
         others = False
         while not relay.candidates(system_id):
             if not others and self._other_system_ids(relay, url, system_id):
@@ -188,7 +204,8 @@ class MavsdkHub:
             if time.monotonic() > end_s or self._closing.wait(POLL_PERIOD_S):
                 others_there = self._other_system_ids(relay, url, system_id)
                 raise _not_received(url, system_id, relay, others_there, timeout_s, signing)
-        self._closing.wait(claims_s)
+        looked_s = time.monotonic() - began_s
+        self._closing.wait(claims_s - looked_s if looked_s < claims_s else claims_s)
         candidates = relay.candidates(system_id)
         if len(candidates) > 1:
             raise _claimed_twice(url, system_id, candidates)

@@ -218,6 +218,7 @@ class MavsdkLink:
             self._config.frame,
             self._clock,
             self._hub.posted_calls,
+            partial(self._hub.listen, self._config.system_id),
             by_failsafe=lambda: self.report.failsafe,
             truth=self.truth,
             transit=self._transit,
@@ -234,6 +235,7 @@ class MavsdkLink:
         guided = feed.autopilot.guided_mode
         self._guided = None if guided is None else partial(choose_guided, system, guided)
         feed.subscribe()
+        self._hub.repeat_heartbeat(self._config.system_id)
         # After the action plugin, whose constructor lowers the rate of EXTENDED_SYS_STATE.
         await self._request_rates()
         await self._locate()

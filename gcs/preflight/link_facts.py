@@ -8,7 +8,6 @@ waits three seconds for each that the firmware does not have. Nothing is written
 
 import asyncio
 import json
-import queue
 import threading
 import time
 from collections.abc import Awaitable, Callable, Mapping, Sequence
@@ -37,7 +36,7 @@ from gcs.link.hub import MavsdkHub
 from gcs.link.mavsdk_link import MavsdkLink
 from gcs.link.rates import FRAMES_MIN, Losses, RateController, Rates, Traffic
 from gcs.link.received_fields import PARAMETER, UNIQUE_ID
-from gcs.link.self_reports import DIMENSIONS, EstimatorReport, estimator_report, satellites
+from gcs.link.self_reports import EstimatorReport, estimator_report
 from gcs.link.signing_keys import signing_keys
 from gcs.link.status_texts import HealthItem
 from gcs.mission.mission import Mission, MissionVehicle
@@ -308,9 +307,9 @@ class CheckedLink(MavsdkLink):
         system, feed, calls, *_ = self._connected()
         if self._counted_since_s is None:
             self._counted_since_s = link_s(self._clock)
-        await calls.reached(lambda: _is_healthy(feed) and not feed.missing(), settle_s * self._clock.time_scale)
+        healthy = calls.reached(lambda: _is_healthy(feed) and not feed.missing(), settle_s * self._clock.time_scale)
         query = _VehicleQuery(vehicle_id, system, feed, calls, self._config.frame, self._config.pace.rates)
-        facts = await query.facts(LISTENING_IN_FLIGHT_S, PARAMETERS_IN_FLIGHT_S)
+        facts = await query.facts(LISTENING_IN_FLIGHT_S, PARAMETERS_IN_FLIGHT_S, after=healthy)
         pace = self._config.pace
         losses = await known_losses(lambda: pace.losses, pace, self._clock, self._counted_since_s)
         if losses.frames >= FRAMES_MIN:
@@ -351,7 +350,7 @@ async def _facts(
     clock = WallClock()
     gimbal = vehicle.section.gimbal
     view_rad = None if gimbal is None else radians(gimbal.view_deg)
-    feed = VehicleFeed(system, frame, clock, hub.posted_calls, view_rad=view_rad)
+    feed = VehicleFeed(system, frame, clock, hub.posted_calls, partial(hub.listen, system_id), view_rad=view_rad)
     calls = VehicleCalls(system_id, feed, clock, partial(hub.messages, system_id))
     try:
         feed.subscribe()
@@ -400,18 +399,27 @@ class _VehicleQuery(NamedTuple):
     rates: Rates
 
     async def facts(
-        self, listening_s: float, parameters_timeout_s: float, lost: tuple[str, str] | None = None
+        self,
+        listening_s: float,
+        parameters_timeout_s: float,
+        lost: tuple[str, str] | None = None,
+        after: Awaitable[object] | None = None,
     ) -> VehicleFacts:
-        """Run all queries at once; times are wall seconds."""
+        """Run all queries at once, those of its state `after` something; times are wall seconds."""
         autopilot = self.feed.autopilot
-        (ratio, rate_hz), parameters, gps, (areas, rally_m), estimator, identity = await asyncio.gather(
-            self._timing(listening_s),
-            read_parameters(self.system, autopilot, parameters_timeout_s),
-            self.calls.run(_gps, self.feed.plugin, SLOW_PERIODS / self.rates.status_hz),
-            self.calls.run(_plans, self.system, self.frame),
-            self.calls.run(read_estimator, self.system, autopilot, parameters_timeout_s),
-            self.calls.run(read_identity, self.system, parameters_timeout_s),
-        )
+
+        async def state() -> tuple[Any, ...]:
+            await (after or _nothing())
+            return await asyncio.gather(
+                read_parameters(self.system, autopilot, parameters_timeout_s),
+                self._gps(),
+                self.calls.run(_plans, self.system, self.frame),
+                self.calls.run(read_estimator, self.system, autopilot, parameters_timeout_s),
+                self.calls.run(read_identity, self.system, parameters_timeout_s),
+            )
+
+        timing, queried = await asyncio.gather(self._timing(listening_s), state())
+        (ratio, rate_hz), (parameters, gps, (areas, rally_m), estimator, identity) = timing, queried
         await self._all_batteries()
         feed = self.feed
         if feed.gimbal is not None:
@@ -431,7 +439,7 @@ class _VehicleQuery(NamedTuple):
             origin_m=feed.origin_m,
             lost=lost,
             position_m=feed.position_m,
-            gps=None if feed.is_local else gps,
+            gps=gps,
             batteries=tuple(battery for _, battery in sorted(feed.batteries.newest.items())),
             estimator=estimator,
             clock_ratio=ratio,
@@ -443,26 +451,25 @@ class _VehicleQuery(NamedTuple):
             gimbal=NO_GIMBAL_FACTS if feed.gimbal is None else feed.gimbal.facts,
         )
 
+    async def _gps(self) -> GpsFix | None:
+        """Wait for the status of the GPS receiver; None without one, and in a local frame."""
+        feed = self.feed
+        if feed.is_local:
+            return None
+        end_s = feed.link_s() + SLOW_PERIODS / self.rates.status_hz
+        await self.calls.reached(lambda: feed.status.gps_dimensions is not None or feed.link_s() >= end_s, inf)
+        dimensions = feed.status.gps_dimensions
+        return None if dimensions is None else GpsFix(dimensions, feed.status.satellites)
+
     async def _all_batteries(self) -> None:
         """Wait until all batteries must have reported: ArduPilot reports one after the other."""
         await self.calls.reached(lambda: self.feed.age_s >= SLOW_PERIODS / self.rates.status_hz, inf)
 
     async def _timing(self, listening_s: float) -> tuple[float | None, float]:
         """Return the rate of the autopilot's clock relative to its link's, and the motion rate in that clock [Hz]."""
-        samples = 0
-
-        def count(_motion: object, _user_data: object) -> None:
-            nonlocal samples
-            samples += 1
-
-        began_s = self.feed.link_s()
-        handle = self.feed.plugin.subscribe_position_velocity_ned(count)
-        try:
-            ratio = await self.calls.clock_ratio(self.rates, listening_s)
-        finally:
-            listened_s = self.feed.link_s() - began_s
-            self.feed.plugin.unsubscribe_position_velocity_ned(handle)
-        return ratio, samples / listened_s / (ratio or 1.0)
+        motions, began_s = self.feed.motions, self.feed.link_s()
+        ratio = await self.calls.clock_ratio(self.rates, listening_s)
+        return ratio, (self.feed.motions - motions) / (self.feed.link_s() - began_s) / (ratio or 1.0)
 
 
 def _is_known(gimbal: CameraGimbal) -> bool:
@@ -474,22 +481,6 @@ def _is_healthy(feed: VehicleFeed) -> bool:
     calm = feed.status.mode in CALM_MODES
     items = feed.health()
     return bool(items) and all(well or (item is HealthItem.ARMING and not calm) for item, well in items.items())
-
-
-def _gps(telemetry: Any, timeout_s: float) -> GpsFix | None:
-    """Wait for the status of the GPS receiver; None without one.
-
-    MAVSDK's initial value looks like a receiver without a fix.
-    """
-    received: queue.SimpleQueue[Any] = queue.SimpleQueue()
-    handle = telemetry.subscribe_gps_info(lambda info, _user_data: received.put(info))
-    try:
-        info = received.get(timeout=timeout_s)
-    except queue.Empty:
-        return None
-    finally:
-        telemetry.unsubscribe_gps_info(handle)
-    return GpsFix(DIMENSIONS.get(info.fix_type, 3), satellites(info))
 
 
 def _plans(

@@ -78,17 +78,19 @@ def preflight(
     clock: ComputerClock | None = None,
     computer: ComputerFacts | None = None,
     key_facts: KeyFacts | None = None,
+    feasible: Iterable[Finding] | None = None,
 ) -> tuple[Finding, ...]:
     """Return all findings, the most severe first; raises KeyError for facts about a vehicle outside the mission.
 
     Without `today` no profile is too old. With `stubs` all vehicles are stubs; with `bench` they are boards in
     hardware-in-the-loop simulation, propellers off. `clock` is this computer's clock if the team is on several,
     `computer` what was measured of it for a flight on the wall's clock. `key_facts` are those of a bus with keys.
+    `feasible` are the findings of `feasibility` if it was called before.
     """
     away, team = elsewhere(mission, team)
     findings = [
         *away,
-        *feasibility(mission, stubs=stubs),
+        *(feasibility(mission, stubs=stubs) if feasible is None else feasible),
         *link_budget(mission, team),
         *terrain(mission),
         *kinds(team, bench=bench),

@@ -1,8 +1,10 @@
 """Profile flights of stub vehicles: processor by process, thread and stage, lateness of ticks, memory, start-up.
 
-Each flight is `cordon fly` with default settings, recorded. Cores and memory are those of its processes: the
-supervisor, the flying process and the log's; the process of the stubs has a separate column. The stages are measured in
-a separate flight, because the measurement takes time.
+Each flight is `cordon fly` with default settings, recorded, of stubs on the wall's clock (`cordon sitl`), as of real
+vehicles. With `--sitl` it starts its stubs itself, and its clock waits for them: no tick is late, and start-up includes
+that of the stubs. Cores and memory are those of its processes: the supervisor, the flying process and the log's; the
+process of the stubs has a separate column. The stages are measured in a separate flight, because the measurement takes
+time.
 """
 
 import json
@@ -10,6 +12,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Iterator, Mapping
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -29,11 +32,13 @@ from tests.support.ring_mission import ring_mission
 
 INSIDE = "--inside"
 RATE_HZ = 20.0
+ROUNDING = 1e-4
+"""Of a period: a governed clock counts microseconds."""
 SETTLED_S = 5.0
 """The time from the first tick in control to the measurement of the stages."""
 
 CORDON = ("supervisor", "flying", "log")
-PROGRAMS = {"spawn_main": "stubs", "log_program": "log"}
+PROGRAMS = {"sitl.server.program": "stubs", "log_program": "log"}
 """Parts of the command lines of the flying process's children."""
 COLUMNS = (
     "vehicles",
@@ -84,13 +89,17 @@ class Profile:
         )
 
 
-def profile(vehicles: int, duration_s: float, stages: Path | None = None) -> Profile:
-    """Fly a team and return its profile, with the stages of its event loop if a file for them is given."""
-    with TemporaryDirectory() as folder:
+def profile(vehicles: int, duration_s: float, stages: Path | None = None, *, sitl: bool = False) -> Profile:
+    """Fly a team and return its profile, with the stages of its event loop if a file for them is given.
+
+    With `sitl` the flight starts its stubs itself, on a governed clock.
+    """
+    with TemporaryDirectory() as folder, ExitStack() as stack:
         mission, log = Path(folder, "ring.toml"), Path(folder, "flight.mcap")
         ports = free_ports(2 * vehicles)
         mission.write_text(ring_mission(vehicles, duration_s, ports[:vehicles], ports[vehicles:]), encoding="utf-8")
-        options = ["fly", str(mission), "--sitl", "--speed", "1", "--json", "--log", str(log)]
+        options = ["fly", str(mission), "--speed", "1", "--json", "--log", str(log), *(["--sitl"] if sitl else [])]
+        stubs = None if sitl else stack.enter_context(stub_program(mission))
         inside = [] if stages is None else [INSIDE, str(stages), str(duration_s)]
         program = "gcs" if stages is None else "tests.experiments.flight_profile"
         began_s = time.time()
@@ -100,7 +109,7 @@ def profile(vehicles: int, duration_s: float, stages: Path | None = None) -> Pro
             flight = subprocess.Popen(
                 command, cwd=ROOT, env=finds_tests() if inside else None, stdout=result, stderr=messages
             )
-            usage, cores = followed(flight)
+            usage, cores = followed(flight, stubs)
         if not output.read_bytes():
             raise RuntimeError(f"the flight of {vehicles} vehicles failed:\n{supervisor_log.read_text()}")
         loop = json.loads(output.read_bytes())["loop"]
@@ -127,15 +136,35 @@ def lateness_ms(log: FlightLog, vehicle_id: int) -> np.ndarray[Any, np.dtype[np.
     in_control = {cost.time_s for cost in log.of_kind(vehicle_id, Cost)}
     times_s = np.array([tick.now_s for tick in log.of_kind(vehicle_id, Tick) if tick.now_s in in_control])
     phase = sorted(log.vehicles).index(vehicle_id) / len(log.vehicles)
-    return (times_s * RATE_HZ - phase) % 1.0 / RATE_HZ * 1e3
+    return ((times_s * RATE_HZ - phase + ROUNDING) % 1.0 - ROUNDING) / RATE_HZ * 1e3
 
 
-def followed(flight: "subprocess.Popen[bytes]") -> tuple[dict[str, Usage], dict[str, float]]:
-    """Monitor the processes of a flight to its end; return usage and processor time per second in flight of each."""
+@contextmanager
+def stub_program(mission: Path) -> Iterator[psutil.Process]:
+    """Serve the stubs of a mission on the wall's clock in a process of their own, until the context ends."""
+    command = [sys.executable, "-m", "gcs", "sitl", str(mission)]
+    with subprocess.Popen(command, cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.STDOUT) as program:
+        try:
+            assert program.stdout is not None
+            program.stdout.readline()  # they are about to be reached
+            yield psutil.Process(program.pid)
+        finally:
+            program.terminate()
+            program.communicate()
+
+
+def followed(
+    flight: "subprocess.Popen[bytes]", stubs: psutil.Process | None
+) -> tuple[dict[str, Usage], dict[str, float]]:
+    """Monitor the processes of a flight to its end; return usage and processor time per second in flight of each.
+
+    `stubs` is the process of stubs that it did not start.
+    """
+    beside = [] if stubs is None else [("stubs", stubs)]
     usage = {name: Usage() for name in (*CORDON, "stubs")}
     looks: list[tuple[float, dict[str, float]]] = []
     while flight.poll() is None:
-        for name, process in processes(flight.pid):
+        for name, process in (*beside, *processes(flight.pid)):
             try:
                 with process.oneshot():
                     times, memory = process.cpu_times(), process.memory_info().rss / 1e6
@@ -196,16 +225,18 @@ def inside(path: str, duration_s: str, *arguments: str) -> None:
 def main() -> None:
     """Fly teams of the given sizes and print their profiles."""
     reader = parser("flight_profile", __doc__ or "")
-    reader.add_argument("vehicles", nargs="*", type=int, default=[3, 8, 16, 32], help="team sizes (default: 3 8 16 32)")
+    sizes = [3, 8, 16, 32, 64]
+    reader.add_argument("vehicles", nargs="*", type=int, default=sizes, help=f"team sizes (default: {sizes})")
     reader.add_argument("--duration", type=float, default=60.0, help="mission duration, s (default: %(default)s)")
+    reader.add_argument("--sitl", action="store_true", help="let each flight start its stubs, on a clock that waits")
     reader.add_argument("--stages", action="store_true", help="fly each once more and print its threads and stages")
     chosen = reader.parse_args()
     print(f"| {' | '.join(COLUMNS)} |\n{'|---' * len(COLUMNS)}|", flush=True)
     for count in chosen.vehicles:
-        print(profile(count, chosen.duration).row(), flush=True)
+        print(profile(count, chosen.duration, sitl=chosen.sitl).row(), flush=True)
     for count in chosen.vehicles if chosen.stages else ():
         with TemporaryDirectory() as folder:
-            measured = profile(count, chosen.duration, Path(folder, "stages.json")).inside
+            measured = profile(count, chosen.duration, Path(folder, "stages.json"), sitl=chosen.sitl).inside
         print(f"\n{count} vehicles", *stage_table(measured), sep="\n", flush=True)
 
 

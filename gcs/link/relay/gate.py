@@ -4,12 +4,14 @@ No sockets and no clock: addresses, bytes and times are arguments.
 """
 
 from collections import Counter, deque
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from math import inf
 from statistics import median
 
+from gcs.link.rates import LOCAL_POSITION_NED
 from gcs.link.relay.frames import (
+    AUTOPILOT_COMPONENT,
     HEAD_V2,
     FrameStream,
     buffer_free,
@@ -154,10 +156,13 @@ class Claim:
         self.address: Address | None = None
         self.muted = False
         """Whether setpoints to it are dropped."""
+        self.listeners: Mapping[int, Callable[[bytes], object]] = {}
+        """What receives the autopilot's frames with these messages, at once."""
         self.candidates: dict[Address, bytes] = {}
         self.rejected: dict[Address, SignatureCheck] = {}
         self._received_s = -inf
-        self._heartbeat = b""
+        self.heartbeat = b""
+        """The newest of the verified sender."""
         self._heartbeat_s = self._passed_s = -inf
         self._impostors: Counter[Address] = Counter()
         self._moves: list[Address] = []
@@ -185,17 +190,21 @@ class Claim:
         if verdict is not SignatureCheck.AUTHENTIC or address != self.address:
             return False
         if now_s - self._received_s > BREAK_S:
-            self._heartbeat = b""
+            self.heartbeat = b""
         self._received_s = now_s
         head = header(frame)
         self.sequences.take(head.component, sequence(frame))
         self.messages[head.message] += 1
         if is_autopilot_heartbeat(frame):
             self._take_mode(frame)
-            self._heartbeat, self._heartbeat_s = frame, now_s
+            self.heartbeat, self._heartbeat_s = frame, now_s
             self._passed_s = now_s
         if (resets := estimator_resets(frame)) is not None:
             self._estimator_resets = resets
+        listener = self.listeners.get(head.message) if head.component == AUTOPILOT_COMPONENT else None
+        if listener is not None:
+            listener(frame)
+            return head.message != LOCAL_POSITION_NED  # the most frequent: MAVSDK needs it for nothing else
         asked_ns = timesync_answer(frame)
         return asked_ns is None or not self.round_trips.answered(asked_ns, round(now_s * 1e9))
 
@@ -205,11 +214,13 @@ class Claim:
         if not is_received or since_s > REPEAT_FOR_S or now_s - self._passed_s < REPEAT_AFTER_S:
             return b""
         self._passed_s = now_s
-        return self._heartbeat
+        return self.heartbeat
 
-    def verify(self, address: Address, now_s: float) -> None:
-        """Accept and address only this sender from now on."""
+    def verify(self, address: Address, now_s: float) -> bytes:
+        """Accept and address only this sender from now on; return its newest heartbeat."""
         self.address, self._received_s = address, now_s
+        self.heartbeat = self.candidates.pop(address, b"")
+        return self.heartbeat
 
     def gone(self, address: Address) -> None:
         """Note that the connection to an address has ended: its vehicle may continue from another one at once."""
@@ -313,7 +324,7 @@ class FrameGate:
             return b""
         frames = self._stream(address).feed(data)
         passed = [frame for frame in frames if self._admits(frame, address, now_s)]
-        return b"".join((*passed, *(claim.repeated(now_s) for claim in self.claims.values() if passed)))
+        return b"".join((*passed, *(claim.repeated(now_s) for claim in self.claims.values() if frames)))
 
     def gone(self, address: Address) -> None:
         """Note that the connection to an address has ended."""

@@ -13,7 +13,7 @@ import socket
 import threading
 import time
 from collections import deque
-from collections.abc import Callable, Container, Iterable, Iterator
+from collections.abc import Callable, Container, Iterable, Iterator, Mapping
 from contextlib import suppress
 from math import inf
 from pathlib import Path
@@ -227,7 +227,8 @@ class Relay:
         self._thread = self._own_thread or shared
         self._gate = FrameGate()
         self._lock = threading.Lock()
-        self._first: list[bytes] = []
+        self._again: list[bytes] = []
+        """Heartbeats for MAVSDK that were received before."""
         self._called = 0
         self._shows_life = False
         self._call_next_s = -inf
@@ -280,10 +281,25 @@ class Relay:
         """Accept and address only this sender from now on, and pass its last heartbeat to MAVSDK."""
         with self._lock:
             claim = self._gate.claims[system_id]
-            claim.verify(address, self._now_s())
-            self._first.append(claim.candidates.pop(address))
+            self._again.append(claim.verify(address, self._now_s()))
             self._round_trip_next_s = -inf
         self._thread.wake()
+
+    def repeat_heartbeat(self, system_id: int) -> None:
+        """Pass a vehicle's newest heartbeat to MAVSDK again."""
+        with self._lock:
+            if (claim := self._gate.claims.get(system_id)) is not None:
+                self._again.append(claim.heartbeat)
+        self._thread.wake()
+
+    def listen(self, system_id: int, listeners: Mapping[int, Callable[[bytes], object]]) -> None:
+        """Call these functions, by message, with the frames of a vehicle's autopilot, in the relay's thread.
+
+        They must be quick, and must not raise.
+        """
+        with self._lock:
+            if (claim := self._gate.claims.get(system_id)) is not None:
+                claim.listeners = listeners
 
     def mute(self, system_id: int, muted: bool) -> None:
         """Send a vehicle no setpoint from now on, or again: MAVSDK repeats the last one, and one may be under way."""
@@ -380,7 +396,7 @@ class Relay:
     def _inbound(self, received: Iterable[tuple[bytes, Address]]) -> list[bytes]:
         """Return the arrived frames that are passed to MAVSDK."""
         with self._lock:
-            passed, self._first = self._first, []
+            passed, self._again = self._again, []
             for data, address in received:
                 self._down_bytes += len(data)
                 if data:

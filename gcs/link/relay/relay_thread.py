@@ -9,16 +9,17 @@ import socket
 import threading
 import time
 import traceback
-from collections.abc import Container, Sequence
+from collections.abc import Container, Iterable, Sequence
 from contextlib import suppress
-from itertools import chain
 from math import ceil
 from typing import Protocol
 
 WAKE_PERIOD_S = 0.25
 """Longest time between turns, for the waiting bytes of a slow stream and for ended connections."""
-GATHER_S, A_FEW = 0.001, 4
-"""With more than a few relays, what arrives within this time after the first bytes is passed on with them."""
+GATHER_S, GATHER_MAX_S, A_FEW = 1e-4, 5e-3, 4
+"""With more than a few relays, what arrives within this time for each of them after the first bytes is passed on with
+them.
+"""
 WAKES_MAX = 64
 REMOVED_WITHIN_S = 2.0
 
@@ -88,11 +89,14 @@ class RelayThread:
         self._woken_end.close()
 
     def _run(self) -> None:
-        look_next_s = 0.0
+        look_next_s, watch = 0.0, _Watch(self._woken_end.fileno())
         while relays := self._next():
-            readable = self._wait_readable(relays)
+            watch.keep(relays)
+            due_s = min(relay.due_s() for relay in relays)
+            readable = watch.wait(min(max(due_s - time.monotonic(), 0.0), WAKE_PERIOD_S))
             if len(relays) > A_FEW:
-                time.sleep(GATHER_S)
+                time.sleep(min(GATHER_S * len(relays), GATHER_MAX_S))
+                readable = watch.wait(0.0)
             now_s = time.monotonic()
             everything = self._woken_end.fileno() in readable or now_s >= look_next_s
             if everything:
@@ -102,19 +106,21 @@ class RelayThread:
             with self._running:
                 self._waits += 1
                 self._running.notify_all()
-                for relay, descriptors in relays:
+                for relay in relays if everything or now_s >= due_s else watch.relays(readable):
+                    descriptors = watch.descriptors(relay)
                     due = everything or not readable.isdisjoint(descriptors) or relay.due_s() <= now_s
                     if relay in self._relays and due:
                         self._turn(relay, descriptors if everything else readable)
+                        watch.look_at(relay)
 
-    def _next(self) -> Sequence[tuple[Turns, tuple[int, ...]]]:
-        """Return the relays to run and their descriptors; without relays the thread ends."""
+    def _next(self) -> Sequence[Turns]:
+        """Return the relays to run; without relays the thread ends."""
         with self._running:
             if not self._relays:
                 self._thread = None
                 self._waits += 1
                 self._running.notify_all()
-            return [(relay, relay.watched()) for relay in self._relays]
+            return tuple(self._relays)
 
     def _turn(self, relay: Turns, readable: Container[int]) -> None:
         try:
@@ -123,11 +129,54 @@ class RelayThread:
             traceback.print_exc()
             self._relays.remove(relay)
 
-    def _wait_readable(self, relays: Sequence[tuple[Turns, tuple[int, ...]]]) -> set[int]:
-        """Wait until one of the descriptors can be read, has been closed, or a turn is due; return those."""
-        poll = select.poll()
-        for descriptor in (self._woken_end.fileno(), *chain.from_iterable(each for _, each in relays)):
-            poll.register(descriptor, select.POLLIN)
-        due_s = min(relay.due_s() for relay, _ in relays)
-        wait_s = min(max(due_s - time.monotonic(), 0.0), WAKE_PERIOD_S)
-        return {descriptor for descriptor, _ in poll.poll(ceil(wait_s * 1e3))}
+
+class _Watch:
+    """The descriptors to wait for: those of the thread's relays, which change in their turns only, and one to wake it.
+
+    To look at those of all relays before each wait took longer than the turns of 32 vehicles.
+    """
+
+    def __init__(self, woken: int) -> None:
+        self._poll = select.poll()
+        self._poll.register(woken, select.POLLIN)
+        self._descriptors: dict[Turns, tuple[int, ...]] = {}
+        self._relays: dict[int, Turns] = {}
+
+    def keep(self, relays: Sequence[Turns]) -> None:
+        """Watch these relays only."""
+        if len(relays) == len(self._descriptors) and all(each in self._descriptors for each in relays):
+            return
+        for gone in self._descriptors.keys() - set(relays):
+            self._watch(gone, ())
+            del self._descriptors[gone]
+        for each in relays:
+            self.look_at(each)
+
+    def look_at(self, relay: Turns) -> None:
+        """Watch the descriptors that a relay has now."""
+        self._watch(relay, relay.watched())
+
+    def _watch(self, relay: Turns, descriptors: tuple[int, ...]) -> None:
+        before = self._descriptors.get(relay, ())
+        if descriptors == before:
+            return
+        for each in before:
+            if self._relays.get(each) is relay:  # else it has been closed, and is another relay's by now
+                del self._relays[each]
+                self._poll.unregister(each)
+        for each in descriptors:
+            self._relays[each] = relay
+            self._poll.register(each, select.POLLIN)
+        self._descriptors[relay] = descriptors
+
+    def descriptors(self, relay: Turns) -> tuple[int, ...]:
+        """Return the descriptors of a relay."""
+        return self._descriptors[relay]
+
+    def relays(self, readable: Iterable[int]) -> Sequence[Turns]:
+        """Return the relays of descriptors, each once."""
+        return tuple(dict.fromkeys(self._relays[each] for each in readable if each in self._relays))
+
+    def wait(self, wait_s: float) -> set[int]:
+        """Wait until one of the descriptors can be read or has been closed, at most `wait_s`; return those."""
+        return {descriptor for descriptor, _ in self._poll.poll(ceil(wait_s * 1e3))}

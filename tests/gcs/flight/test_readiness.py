@@ -14,6 +14,7 @@ from gcs.preflight.findings import MISSION, Finding, Grade
 from tests.support.simulated_loop import run_simulated
 
 WELL = Finding(Grade.PASS, 1, "gps", "GPS: 3D fix, 14 satellites")
+FEASIBLE = (Finding(Grade.PASS, MISSION, "settling", "3 vehicles settle after about 12 s"),)
 WARNED = Finding(Grade.WARNING, 1, "battery", "its battery is at 40%", "it may not last", "charge it")
 
 
@@ -53,12 +54,19 @@ class FakeTeam:
         if not (self.speeds.pop(0) if len(self.speeds) > 1 else self.speeds[0]):
             raise VehicleRefusedError("vehicle 1 sends no attitude", "check the link")
 
-    def _findings(self, _facts: object, _computer: None) -> Sequence[Finding]:
+    def _findings(self, _facts: object, _computer: None, feasible: Sequence[Finding]) -> Sequence[Finding]:
+        assert feasible is FEASIBLE
         return self.checks.pop(0) if len(self.checks) > 1 else self.checks[0]
 
 
+def readiness(team: FakeTeam) -> Readiness:
+    feasible: asyncio.Future[Sequence[Finding]] = asyncio.get_running_loop().create_future()
+    feasible.set_result(FEASIBLE)
+    return Readiness(cast(FlightTeam, team), feasible)
+
+
 async def checked(team: FakeTeam) -> Sequence[Finding]:
-    return await Readiness(cast(FlightTeam, team)).findings()
+    return await readiness(team).findings()
 
 
 async def test_a_team_that_is_ready_is_checked_once() -> None:
@@ -93,7 +101,7 @@ def test_the_wait_ends(monkeypatch: pytest.MonkeyPatch) -> None:
         team = FakeTeam(0.2, [NO_FIX])
         assert await checked(team) == [NO_FIX]
         assert len(team.settled_s) == 20, "each takes 10 ms"
-        refused = Readiness(cast(FlightTeam, FakeTeam(0.05, speeds=(False,))))
+        refused = readiness(FakeTeam(0.05, speeds=(False,)))
         with pytest.raises(VehicleRefusedError, match="no attitude"):
             await refused.measure_speed()
 
@@ -107,7 +115,7 @@ async def test_what_waiting_uncovers_is_refused_at_once() -> None:
 
 async def test_a_speed_that_cannot_be_measured_yet() -> None:
     team = FakeTeam(30.0, speeds=(False, False, True))
-    await Readiness(cast(FlightTeam, team)).measure_speed()
+    await readiness(team).measure_speed()
     assert team.measured == 3
 
 

@@ -1,5 +1,6 @@
 """Heights and places as a vehicle sends them, compared with its other sensors and with what it can fly."""
 
+from collections.abc import Callable
 from math import nan
 from types import SimpleNamespace
 from typing import Any
@@ -7,6 +8,7 @@ from typing import Any
 import pytest
 from mavsdk.autopilot import Autopilot
 from mavsdk.plugins.telemetry import FixType
+from pymavlink.dialects.v20 import common
 
 from estimation.frames import Geodetic, MissionFrame
 from gcs.link import feed as feed_module
@@ -16,6 +18,7 @@ from gcs.link.heights import BAROMETER, GPS, RANGEFINDER
 from tests.gcs.link.test_self_reports import SYSTEM, Subscriptions
 
 PERIOD_S = 0.1
+AUTOPILOT: Any = common.MAVLink(None, srcSystem=SYSTEM, srcComponent=1)
 
 
 class Vehicle:
@@ -33,7 +36,8 @@ class Vehicle:
             subscribe_is_connected=lambda take: None,
         )
         posted: Any = SimpleNamespace(post=lambda take, *values: take(*values))
-        self.feed = VehicleFeed(system, MissionFrame(Geodetic(47.4, 8.5, 488.0)), clock, posted)
+        self.frames: dict[int, Callable[[bytes], object]] = {}
+        self.feed = VehicleFeed(system, MissionFrame(Geodetic(47.4, 8.5, 488.0)), clock, posted, self.frames.update)
         self.feed.on_return = lambda: None
         self.feed.subscribe()
         self.feed.locate((0.0, 0.0, 0.0))
@@ -44,9 +48,11 @@ class Vehicle:
     def is_at(self, x: float, height_m: float) -> None:
         """Receive a motion, a period after the last one."""
         self.now_s += PERIOD_S
-        position = SimpleNamespace(north_m=x, east_m=0.0, down_m=-height_m)
-        velocity = SimpleNamespace(north_m_s=0.0, east_m_s=0.0, down_m_s=0.0)
-        self.receive("position_velocity_ned", SimpleNamespace(position=position, velocity=velocity))
+        self.hear(common.MAVLink_local_position_ned_message(0, x, 0.0, -height_m, 0.0, 0.0, 0.0))
+
+    def hear(self, message: common.MAVLink_message) -> None:
+        """Receive a frame."""
+        self.frames[message.get_msgId()](bytes(message.pack(AUTOPILOT)))
 
     def measures(self, barometer_m: float, clearance_m: float = nan) -> tuple[float | None, str]:
         """Receive an ALTITUDE; return the height's offset and the sensor that shows it."""
@@ -168,3 +174,17 @@ def test_a_place_that_cannot_be_reached_in_a_silence_is_a_jump(vehicle: Vehicle,
     if jumps:
         assert reference.jumped_m == pytest.approx((220.0, 0.0, 0.0))
         assert vehicle.feed.position_m == pytest.approx((220.0, 0.0, 8.0))
+
+
+def test_a_damaged_frame_is_no_message(vehicle: Vehicle) -> None:
+    vehicle.hear(common.MAVLink_attitude_message(1000, 0.0, -0.5, 0.0, 0.0, 0.0, 0.0))
+    vehicle.is_at(1.0, 2.0)
+    assert (vehicle.feed.status.tilt_deg, vehicle.feed.motions) == (29, 1)
+    for message in (
+        common.MAVLink_attitude_message(0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0),
+        common.MAVLink_local_position_ned_message(0, 9.0, 0.0, 0.0, 0.0, 0.0, 0.0),
+    ):
+        frame = bytes(message.pack(AUTOPILOT))
+        vehicle.frames[message.get_msgId()](frame[:-1] + bytes((frame[-1] ^ 1,)))
+    assert (vehicle.feed.status.tilt_deg, vehicle.feed.motions) == (29, 1)
+    assert vehicle.feed.position_m == (1.0, 0.0, 2.0)

@@ -31,6 +31,7 @@ from gcs.link.config import LinkConfig
 from gcs.link.hub import MavsdkHub
 from gcs.link.mavsdk_link import MavsdkLink
 from gcs.link.ports import free_ports
+from gcs.link.rates import ATTITUDE, LOCAL_POSITION_NED
 from gcs.metrics.journal import event_line
 from gcs.metrics.record import FlightEvent
 from gcs.mission.file import load_mission
@@ -217,12 +218,19 @@ class Team:
         """Note when samples of the vehicle's motion arrive: what the sockets hold may be late on a busy computer."""
         parts, arrived_s = self.links[vehicle_id]._parts, list[float]()
         assert parts is not None
-        plugin = parts.feed.plugin
-        handle = plugin.subscribe_position_velocity_ned(lambda *_: arrived_s.append(self.clock.now_s()))
+        feed = parts.feed
+        take = feed._take_motion
+
+        def note(frame: bytes) -> None:
+            arrived_s.append(self.clock.now_s())
+            take(frame)
+
+        hub, system_id = self.links[vehicle_id]._hub, self.links[vehicle_id]._config.system_id
+        hub.listen(system_id, {LOCAL_POSITION_NED: feed._posting(note), ATTITUDE: feed._note_attitude})
         try:
             yield arrived_s
         finally:
-            plugin.unsubscribe_position_velocity_ned(handle)
+            hub.listen(system_id, {LOCAL_POSITION_NED: feed._posting(take), ATTITUDE: feed._note_attitude})
 
 
 @pytest.fixture

@@ -1,11 +1,16 @@
 """What the gate passes on where heartbeats are lost."""
 
 from itertools import pairwise
-from math import inf
+from math import inf, nan
+from typing import Any
 
 import pytest
+from pymavlink.dialects.v10 import common as dialect_v1
 from pymavlink.dialects.v20 import common as dialect
 
+from gcs.link.rates import ATTITUDE as ATTITUDE_NUMBER
+from gcs.link.rates import LOCAL_POSITION_NED
+from gcs.link.relay.frames import header, timed_numbers
 from gcs.link.relay.gate import ADDRESSES_MAX, REPEAT_FOR_S, Claim, FrameGate
 from gcs.link.relay.signing import Signing
 
@@ -103,3 +108,54 @@ def test_forgers_at_many_addresses_keep_no_signed_vehicle_out() -> None:
     gate.admit(Signing(key).sign(heartbeat()), VEHICLE, 0.0)
     assert list(claim.candidates) == [VEHICLE]
     assert len(claim.rejected) <= ADDRESSES_MAX
+
+
+def motion(component: int = 1, sender: int = 1) -> bytes:
+    message = dialect.MAVLink_local_position_ned_message(70_000, 1.5, -2.25, -3.0, 0.5, 0.0, 0.0)
+    return bytes(message.pack(dialect.MAVLink(None, srcSystem=sender, srcComponent=component)))
+
+
+def test_what_listens_to_the_autopilot_gets_its_motion_instead_of_mavsdk_and_its_attitude_beside_it() -> None:
+    gate, heard = of_vehicles(1, 2), list[bytes]()
+    gate.claims[1].listeners = {LOCAL_POSITION_NED: heard.append, ATTITUDE_NUMBER: heard.append}
+    others = motion(component=191) + motion(sender=2) + heartbeat()
+    assert gate.admit(motion() + ATTITUDE + others, VEHICLE, 0.0) == ATTITUDE + others
+    assert heard == [motion(), ATTITUDE]
+    assert gate.claims[1].messages[LOCAL_POSITION_NED] == 2
+
+
+def test_motion_that_mavsdk_does_not_get_shows_life_nevertheless() -> None:
+    gate = of_vehicles(1)
+    gate.claims[1].listeners = {LOCAL_POSITION_NED: lambda _frame: None}
+    gate.admit(heartbeat(), VEHICLE, 0.0)
+    gate.admit(motion(), VEHICLE, 0.9)
+    assert gate.admit(motion(), VEHICLE, 1.8) == heartbeat()
+
+
+def test_the_newest_heartbeat_of_a_verified_sender_is_kept() -> None:
+    gate = FrameGate()
+    claim = gate.claims[1] = Claim()
+    gate.admit(heartbeat(mode=1), VEHICLE, 0.0)
+    assert claim.verify(VEHICLE, 0.1) == claim.heartbeat == heartbeat(mode=1)
+    gate.admit(heartbeat(mode=2), VEHICLE, 1.0)
+    assert claim.heartbeat == heartbeat(mode=2)
+
+
+@pytest.mark.parametrize("version", [dialect, dialect_v1])
+def test_motion_and_attitude_are_read_as_pymavlink_writes_them(version: Any) -> None:
+    sender = version.MAVLink(None, srcSystem=1, srcComponent=1)
+    numbers = (0.1, -2.5, 3e4, 0.0, nan, 0.0)
+    for make in (version.MAVLink_local_position_ned_message, version.MAVLink_attitude_message):
+        frame = bytes(make(70_123, *numbers).pack(sender))
+        read = timed_numbers(frame)
+        assert read is not None
+        assert read.time_ms == 70_123
+        assert read[1:] == pytest.approx(numbers, rel=1e-7, nan_ok=True)
+        for at in range(2, len(frame)):  # the length, before, decides what the frame is
+            damaged = frame[:at] + bytes((frame[at] ^ 1,)) + frame[at + 1 :]
+            assert _is_refused(damaged), at
+
+
+def _is_refused(frame: bytes) -> bool:
+    """Return whether a damaged frame is, which may seem to be another message."""
+    return header(frame).message not in (LOCAL_POSITION_NED, ATTITUDE_NUMBER) or timed_numbers(frame) is None
