@@ -6,7 +6,7 @@ returns. The same object therefore flies over MAVLink, in the simulation, and ag
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from math import hypot, inf
+from math import dist, hypot, inf
 from typing import Any
 
 from mypy_extensions import mypyc_attr
@@ -38,6 +38,7 @@ from agents.inputs import (
     Start,
     TacticEvent,
     TimeScale,
+    VehicleJoins,
 )
 from agents.notes import (
     CommandOutcome,
@@ -48,10 +49,11 @@ from agents.notes import (
     RingCommanded,
     ShapeChange,
     TacticChange,
+    VehicleAdded,
 )
 from agents.outputs import CoreStatus, LandingCause, Outgoing, TickOutput
 from agents.ports import Connection, FlightMode, ModeSource, Reference, Setpoint
-from agents.refusals import place_refusal, rejoin_refusal
+from agents.refusals import added_refusal, place_refusal, rejoin_refusal
 from agents.ring.chooser import RingChooser, Wanted
 from agents.ring.commanded_rings import CommandedRings
 from agents.safety.failsafe import POSITION_ALERTS, override
@@ -74,6 +76,7 @@ from agents.team.inbox import Inbox
 from agents.team.messages import (
     CONDITIONS_LIMIT,
     LINK_SILENT_S,
+    AddedVehicle,
     CommandAnswer,
     CommandedRing,
     MemberState,
@@ -105,6 +108,10 @@ class VehicleCore:
         rings = tuple(each.name for each in config.rings)
         hover_s, has_gimbal = config.safety.abort_hover_s, config.gimbal is not None
         self.commands = CommandHandler(config.vehicle_id, hover_s, shapes, self._notes, rings, has_gimbal=has_gimbal)
+        self.added: tuple[int, AddedVehicle] | None = None
+        """The vehicle that is not in the mission file and has joined, with its id."""
+        self.added_refusal = ""
+        """Why the last one that would join must not, empty if it may."""
         self._answers: list[CommandAnswer] = []
         self._revoked: tuple[str, ...] = ()
         self._now_s = 0.0
@@ -126,6 +133,7 @@ class VehicleCore:
             Command: self._take_command,
             Killed: self._take_killed,
             Rejoined: self._take_rejoined,
+            VehicleJoins: self._take_added,
             Presence: self._take_presence,
             Lying: self._take_lying,
         }
@@ -664,6 +672,31 @@ class VehicleCore:
             return
         self._begin(self._mission_config)
         self._follow_commands()
+
+    def _refuse_added(self, vehicle_id: int, vehicle: AddedVehicle) -> str:
+        """Return why a vehicle that is not in the mission file must not join, empty if it may."""
+        if self._has_plug_in:
+            return "a plug-in planner flies its mission"
+        place_m, separation_m = self._estimator.position_m, self._config.safety.separation_m
+        away_m = inf if place_m is None else dist(place_m, vehicle.start_m)
+        if not self._vehicle.status.armed and away_m < separation_m:
+            return f"it stands {away_m:.1f} m from this start: {separation_m:g} m at least"
+        return added_refusal(vehicle_id, vehicle, self._config, self._estimator.targets.position_m)
+
+    def _take_added(self, item: VehicleJoins) -> None:
+        """Take a vehicle that joins in flight as a member, also for a later flight of this vehicle, if it may."""
+        self.added_refusal = self._refuse_added(item.vehicle_id, item.vehicle)
+        self._notes.add(self._now_s, VehicleAdded(item.vehicle_id, self.added_refusal))
+        if self.added_refusal:
+            return
+        self.added = item.vehicle_id, item.vehicle
+        added = item.vehicle_id, item.vehicle.start_m, item.vehicle.slot_m
+        self._mission_config = self._mission_config.with_added(*added)
+        self._config = self._config.with_added(*added)
+        self._inbox.admit(item.vehicle_id)
+        self._commanded.change(self._mission_config)
+        for each in (self._planner, self._vehicle):
+            each.change(self._config)
 
     def _take_presence(self, item: Presence) -> None:
         if not item.present:

@@ -17,6 +17,7 @@ from agents.drops import Drops
 from agents.ports import VehicleStatus
 from agents.tactics import Event
 from agents.team.messages import (
+    AddedVehicle,
     BusMessage,
     CommandAnswer,
     MemberState,
@@ -191,6 +192,19 @@ class Rejoined(_Input, frozen=True):
         return f"rejoin: {self.refusal}" if self.refusal else "rejoin: another flight begins"
 
 
+class VehicleJoins(_Input, frozen=True):
+    """A vehicle that is not in the mission file would join the flight: it is a member from now on, unless the core
+    refuses it.
+    """
+
+    topic: ClassVar = "added"
+    vehicle_id: int
+    vehicle: AddedVehicle
+
+    def _text(self, _time: Time) -> str:
+        return f"vehicle {self.vehicle_id} would join, with its start at {place_text(self.vehicle.start_m)} m"
+
+
 class Presence(_Input, frozen=True):
     """A peer has joined or left the bus."""
 
@@ -239,6 +253,7 @@ ReceivedInput = (
     | Command
     | Killed
     | Rejoined
+    | VehicleJoins
     | Presence
     | Lying
 )

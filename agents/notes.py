@@ -132,6 +132,20 @@ class RingCommanded(msgspec.Struct, frozen=True):
         return f"{ring} radius is {self.radius_m:g} m, its rate {self.angular_rate_rad_s:g} rad/s{altitude}{tilt}"
 
 
+class VehicleAdded(msgspec.Struct, frozen=True):
+    """A vehicle that is not in the mission file may join from now on, or why it may not."""
+
+    kind: ClassVar[Kind] = "command"
+    vehicle: int
+    refusal: str = ""
+
+    @property
+    def text(self) -> str:
+        """It as text."""
+        becomes = f"must not join: {self.refusal}" if self.refusal else "is added"
+        return f"vehicle {self.vehicle}, which is not in the mission file, {becomes}"
+
+
 class PeerRingRefusal(msgspec.Struct, frozen=True):
     """A ring in a peer's state that is not flown, and why; it has a name in a mission of several rings."""
 
@@ -220,6 +234,7 @@ NotedEvent = (
     | GuardAction
     | ReferenceChange
     | Revocation
+    | VehicleAdded
 )
 
 

@@ -232,6 +232,9 @@ class PeerBus(Protocol):
         topic and payload of a sensor outside the team; another vehicle's id and whether it is present.
         """
 
+    def admit(self, vehicle_id: int) -> None:
+        """Receive from now on a vehicle that is not in the mission file; before, only what announces it is."""
+
     def publish(self, topic: str, payload: bytes) -> None:
         """Send to every other participant under this participant's name; never blocks."""
 

@@ -1,16 +1,19 @@
-"""Why a vehicle must not go to a place, and why one that has landed must not take off again."""
+"""Why a vehicle must not go to a place, why one that has landed must not take off again, and why one that is not in the
+mission file must not join.
+"""
 
 from collections.abc import Collection
-from math import atan2, dist
+from math import atan2, dist, inf
 
 from agents.ports import VehicleStatus
 from agents.ring.bent_ring import bend_of
-from agents.ring.commanded_rings import TargetPlace
+from agents.ring.commanded_ring import ring_refusal
+from agents.ring.commanded_rings import TargetPlace, zones_refusal
 from agents.safety.fence import Area
 from agents.safety.neighbours import ring_bands_m
 from agents.settings.config import AgentConfig
 from agents.tactics import Tactic
-from agents.team.messages import Goal, MemberState
+from agents.team.messages import AddedVehicle, Goal, MemberState
 from agents.team.team import ring_of
 from estimation.vectors import Pair
 
@@ -127,4 +130,34 @@ def _take_off_refusal(home_m: Pair, separation_m: float, peers: Collection[Membe
         away_m = dist(there_m, home_m)
         if away_m < separation_m and (goal_m is not None or peer.tactic in _HOLDS):
             return f"vehicle {peer.sender} {does} {away_m:.1f} m from its take-off place: send it elsewhere first"
+    return ""
+
+
+def added_refusal(vehicle_id: int, added: AddedVehicle, config: AgentConfig, target_m: TargetPlace) -> str:
+    """Return why a vehicle that is not in the mission file must not join this one's team; empty if it may.
+
+    `config` has the ring as it is commanded now, which has to have room for one more.
+    """
+    if vehicle_id in config.slots and vehicle_id != config.added:
+        return f"vehicle {vehicle_id} is in the mission: rejoin it without --add"
+    if config.added not in (None, vehicle_id):
+        return f"vehicle {config.added} has been added already: a flight takes one more vehicle than its mission"
+    if config.rings or config.excitation is not None:
+        return "it flies for identification" if config.excitation is not None else "its mission has several rings"
+    if len(added.slot_m) != (2 if config.slots_m else 0):
+        return "a vehicle of a free formation needs a slot, and in another one it has none"
+    highest_m = config.altitude_m if config.layers_from_m is None else config.layers_from_m
+    if not config.lowest_m <= added.altitude_m <= highest_m:
+        return f"{added.altitude_m:g} m is not between the team's altitudes, {config.lowest_m:g} to {highest_m:g} m"
+    enlarged = config.with_added(vehicle_id, added.start_m, added.slot_m)
+    return _places_refusal(enlarged) or ring_refusal(enlarged, inf) or zones_refusal(enlarged, target_m(None))
+
+
+def _places_refusal(config: AgentConfig) -> str:
+    """Return which start or slot the added vehicle's, the last in line, is too near to; empty if there is none."""
+    separation_m = config.safety.separation_m
+    for what, places_m in (("start", config.starts_m), ("slot", config.slots_m)):
+        for other, place_m in zip(config.slots[:-1], places_m[:-1], strict=False):
+            if (away_m := dist(place_m, places_m[-1])) < separation_m:
+                return f"its {what} is {away_m:.1f} m from that of vehicle {other}: {separation_m:g} m at least"
     return ""

@@ -105,7 +105,6 @@ class RingFlight:
     def __init__(self, config: AgentConfig, team: Team) -> None:
         self._vehicle_id = config.vehicle_id
         self._plant = config.plant
-        self._gaps = EVEN if all(weight == 1.0 for weight in config.gaps.values()) else config.gaps
         self._safety = config.safety
         self._fence = Fence(config.safety.fence_m) if config.safety.fence_m else None
         self._team = team
@@ -115,7 +114,7 @@ class RingFlight:
         self._make(config)
 
     def _make(self, config: AgentConfig) -> None:
-        self._settings = config.encirclement
+        self._take(config)
         self._encirclement = EncirclementPlanner(config)
         self._reference = RingReference(config)
         self._feasibility = RingFeasibility(config)
@@ -144,12 +143,16 @@ class RingFlight:
     def change(self, config: AgentConfig) -> None:
         """Fly the ring of another configuration from now on; a vehicle on the ring changes to it within bounds."""
         self._view = None
-        self._settings = config.encirclement
+        self._take(config)
         self._feasibility.change(config.encirclement)
         self._neighbours.change(config)
         self._reference.change(config)
         self._joining.change(config)
         self._avoid_zones(config)
+
+    def _take(self, config: AgentConfig) -> None:
+        self._settings = config.encirclement
+        self._gaps = EVEN if all(weight == 1.0 for weight in config.gaps.values()) else config.gaps
 
     def _avoid_zones(self, config: AgentConfig) -> None:
         """Keep out of the zones at the heights of a configuration, to the ring and on it."""
@@ -159,7 +162,7 @@ class RingFlight:
         elif self._bends is None:
             self._bends = RingBends(zones, config.encirclement, config.safety, places_on(config))
         else:
-            self._bends.change(zones, config.encirclement)
+            self._bends.change(zones, config.encirclement, places_on(config))
         self._bend: RingBend | None = None
         self._way = way_of(config, self._way_speed_m_s, before=self._way)
 

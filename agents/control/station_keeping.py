@@ -59,7 +59,8 @@ class StationKeeping:
         self._in_place.clear()
 
     def change(self, config: AgentConfig) -> None:
-        """Come from the heights of another ring from now on."""
+        """Fly in the same formation as a part of another team, and come from the heights of another ring."""
+        self._take(config)
         self._way = way_of(config, config.formation.speed_max_m_s, before=self._way)
 
     def plan(self, situation: Situation) -> Plan:

@@ -224,12 +224,12 @@ class RingBends:
     def __init__(
         self, zones: Sequence[NoFlySection], ring: EncirclementSettings, safety: SafetySettings, places: float
     ) -> None:
-        self._safety, self._places = safety, places
-        self.change(zones, ring)
+        self._safety = safety
+        self.change(zones, ring, places)
 
-    def change(self, zones: Sequence[NoFlySection], ring: EncirclementSettings) -> None:
-        """Bend the ring of other settings around other zones from now on."""
-        self._bender = Bender(zones, ring, self._safety, self._places)
+    def change(self, zones: Sequence[NoFlySection], ring: EncirclementSettings, places: float) -> None:
+        """Bend the ring of other settings, with so many places, around other zones from now on."""
+        self._bender = Bender(zones, ring, self._safety, places)
         self._centre_m: Pair | None = None
         self._before = self._after = self._flown = _CIRCLE
         self._changed_s = -inf

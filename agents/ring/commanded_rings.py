@@ -44,6 +44,10 @@ class CommandedRings:
         self.newest = [MISSION_RING] * max(len(mission.rings), 1)
         self._refused: dict[tuple[int, int], _Refused] = {}
 
+    def change(self, mission: AgentConfig) -> None:
+        """Judge rings by another configuration of the mission from now on; what was commanded stays."""
+        self._mission = mission
+
     def flown(self, number: int, commanded: CommandedRing) -> AgentConfig:
         """Return the mission's configuration on a ring with commanded values.
 

@@ -171,7 +171,7 @@ class FaultDetector:
             faults[Condition.SIGHTINGS_CONTRADICT] = Symptom(since_s, detail)
 
     def _check_peers(self, faults: Faults, gone_s: Mapping[int, float], doubtful: Container[int]) -> None:
-        if not self._team.members() and self._team.count_received == self._others:
+        if not self._team.members() and self._team.count_received >= self._others:
             faults[Condition.PEERS_SILENT] = Symptom(max(gone_s.values()), _vehicles(gone_s))
         # One whose states are refused is not silent but doubtful.
         gone_s = {sender: received_s for sender, received_s in gone_s.items() if sender not in doubtful}

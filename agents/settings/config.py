@@ -51,7 +51,8 @@ class AgentConfig:
     `lowest_between_m`, which keeps every vehicle inside its limits. `slots_m` are the positions in a free formation,
     `gaps` the weights of the ring's gaps. With `excitation` it flies for identification.
     With a `gimbal` its camera looks at the target. Those
-    of the formation in `reserves` do not fly from the start.
+    of the formation in `reserves` do not fly from the start. The last one in line is `added` if it is not in the
+    mission file and joins in flight.
 
     A mission of several rings has them all in `rings`, and the names of its targets in `targets`; `ring` is the number
     of the one that the vehicle flies, whose settings are `encirclement`. Both are empty with one ring.
@@ -87,6 +88,7 @@ class AgentConfig:
     rings: tuple[RingConfig, ...] = ()
     ring: int = 0
     reserves: tuple[int, ...] = ()
+    added: int | None = None
 
     @property
     def landing_places_m(self) -> tuple[tuple[float, float], ...]:
@@ -106,6 +108,26 @@ class AgentConfig:
             if other != self.vehicle_id
             for spot_x, spot_y in spots_m
         ]
+
+    def with_added(
+        self, vehicle_id: int, start_m: tuple[float, float], slot_m: tuple[float, ...] = ()
+    ) -> "AgentConfig":
+        """Return the configuration in a team that a vehicle joins which is not in the mission file.
+
+        It is the last in line, so that the others keep their slots and layers, and land before it. One that has been
+        added before may come back from another place.
+        """
+        before = len(self.slots) - (self.added == vehicle_id)
+        slots_m = (*self.slots_m[:before], (slot_m[0], slot_m[1])) if slot_m else self.slots_m
+        return replace(
+            self,
+            slots=(*self.slots[:before], vehicle_id),
+            starts_m=(*self.starts_m[:before], start_m) if self.starts_m else (),
+            slots_m=slots_m,
+            gaps={**self.gaps, vehicle_id: 1.0},
+            reserves=(*(each for each in self.reserves if each != vehicle_id), vehicle_id),
+            added=vehicle_id,
+        )
 
     def on_ring(self, ring: int) -> "AgentConfig":
         """Return the configuration of this vehicle on another of its mission's rings; it is this one with one ring."""

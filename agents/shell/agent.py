@@ -5,7 +5,7 @@
 
 import asyncio
 import time
-from collections.abc import Callable, Collection, Coroutine
+from collections.abc import Callable, Collection, Coroutine, Mapping
 from dataclasses import replace
 from enum import Enum, auto
 from math import inf
@@ -24,6 +24,7 @@ from agents.inputs import (
     Start,
     TacticEvent,
     TimeScale,
+    VehicleJoins,
 )
 from agents.ports import VehicleRefusedError, VehicleStatus
 from agents.shell.control_loop import AgentParts, ControlLoop
@@ -37,12 +38,15 @@ from agents.team import external_positions
 from agents.team.messages import (
     LINK_SILENT_S,
     START_BLOCKERS_LIMIT,
+    AddedAnswer,
+    AddedVehicle,
     BusMessage,
     CommandAnswer,
     CommandedRing,
     CommandKey,
     OperatorCommand,
     Outlook,
+    StartProposal,
 )
 from agents.team.text import printable
 from estimation.state import Sighting, Telemetry
@@ -158,6 +162,8 @@ HOLD_BEFORE_LANDING_S = 3.0
 _AFTER_TICK_S = 1e-3
 """The end of the mission comes after a tick at the same time, which belongs to the mission."""
 
+_JUDGED_EVERY_S = 0.5
+"""How often an announcement of one that is not in the mission file is judged: it is repeated more often [wall s]."""
 _ALL_BUT_KILL = tuple(kind for kind in ActivityKind if kind is not ActivityKind.KILL)
 
 
@@ -168,7 +174,12 @@ class Agent:
         self._parts = parts
         self._core, self._link, self._clock = parts.core, parts.link, parts.clock
         self._start_agreement = StartAgreement(
-            parts.bus, parts.clock, parts.config.vehicle_id, parts.config.starters, parts.mission
+            parts.bus,
+            parts.clock,
+            parts.config.vehicle_id,
+            parts.config.starters,
+            parts.mission,
+            is_added=parts.config.added == parts.config.vehicle_id,
         )
         self._loop = ControlLoop(parts)
         self._reporter = Reporter(parts, lambda: self._loop.newest, lambda: self.clock_lags_s, lambda: self.unaccounted)
@@ -181,6 +192,7 @@ class Agent:
         self._adopting = Event.ADOPT
         self.in_reserve = False
         """Whether it stays on the ground in reserve, and has not flown."""
+        self._judged_s = -inf
         self._begin()
         self._duration_s = 0.0
         self._stop = Stop()
@@ -240,6 +252,11 @@ class Agent:
         """
         return self._reporter.last_position if self._is_unaccounted else None
 
+    @property
+    def added(self) -> tuple[int, AddedVehicle] | None:
+        """The vehicle that is not in the mission file and has joined the flight, with its id."""
+        return self._core.added
+
     async def connect(self) -> None:
         """Connect to the vehicle and the peers at once; nothing moves. Raises VehicleRefusedError."""
         linking = asyncio.create_task(self.connect_link())
@@ -279,6 +296,23 @@ class Agent:
         self._start_agreement.bound(duration_s)
         self._report(UNUSED)
         self._happen(LifeEvent.STAND_BY)
+
+    def introduce(self, vehicle: AddedVehicle) -> Mapping[int, AddedAnswer]:
+        """Announce that this vehicle, which stands by and is not in the mission file, joins the others.
+
+        Returns what they answer, by their ids, which grows.
+        """
+        self._start_agreement.introduce(vehicle)
+        return self._start_agreement.answers
+
+    @property
+    def start_refusal(self) -> str:
+        """Why the vehicle would refuse to take off with the peers received so far, empty if there is no reason."""
+        return self._start_agreement.refusal
+
+    def look(self) -> None:
+        """Let the core of a vehicle that stands by tick once: its status then has the peers."""
+        self._loop.tick_only()
 
     async def fly_again(self, duration_s: float, stop: Stop) -> Outcome:
         """Fly the mission that the others fly, after an earlier flight or in reserve; ends and raises as `fly`.
@@ -423,10 +457,30 @@ class Agent:
             return
         if isinstance(message, OperatorCommand):
             self._core.take(AutopilotStatus(self._link.status))  # what it answers depends on it
+        if isinstance(message, StartProposal) and message.adds is not None:
+            self._meet(message, message.adds)
         self._core.take(Message(self._clock.now_s(), message))
         if isinstance(message, OperatorCommand):
             self._act_on_commands()
         self._start_agreement.receive(message)
+
+    def _meet(self, message: StartProposal, vehicle: AddedVehicle) -> None:
+        """Answer a vehicle that is not in the mission file and joins, and take it as a member if it may.
+
+        One that has another mission is not answered: it finds the difference itself.
+        """
+        parts, core, sender, now_s = self._parts, self._core, message.sender, self._clock.now_s()
+        if parts.mission is None or message.mission != parts.mission:
+            return
+        is_new = core.added != (sender, vehicle)
+        if is_new and now_s - self._judged_s < _JUDGED_EVERY_S * self._clock.time_scale:
+            return
+        if is_new:
+            self._judged_s = now_s
+            core.take(VehicleJoins(sender, vehicle))
+            if not core.added_refusal:
+                parts.bus.admit(sender)
+        self._start_agreement.answer(sender, vehicle, core.added_refusal if is_new else "")
 
     def _act_on_commands(self) -> None:
         """Execute commands that do not wait for a tick; a vehicle on the ground, which does not tick, answers here."""

@@ -19,8 +19,9 @@ from agents.team.messages import (
     TOPICS,
     CommandAnswer,
     MemberState,
+    StartProposal,
 )
-from agents.team.participant import SENSOR_TOPICS, is_name
+from agents.team.participant import SENSOR_TOPICS, is_name, is_vehicle
 from agents.team.verbs import VERBS
 
 PAYLOAD_LIMIT_BYTES = 4096
@@ -44,6 +45,7 @@ _BURST_S = 0.5
 """The burst of a sender: what its rate allows in this time."""
 _BURST_MIN = 10.0
 _ROSTERS, _OPERATORS = f"{ROSTER_TOPIC}/", f"{OPERATORS_TOPIC}/"
+_START_TOPIC = TOPICS[StartProposal].name
 
 Read = Callable[[], bytes]
 
@@ -104,17 +106,21 @@ class Mailbox:
     """Takes messages on any thread and returns them on another; `drops` counts the dropped ones by reason.
 
     `members` are the team's vehicles, `own` those that this process flies; `rate_hz` is the largest rate of each
-    vehicle on each topic.
+    vehicle on each topic. Others are received on the topic on which they announce themselves, until `admit`.
     """
 
     def __init__(self, own: Collection[int], members: Collection[int], rate_hz: float) -> None:
         self._lock = threading.Lock()
         self._ids = {str(member): member for member in members}
         self._own_names = frozenset(map(str, own))
-        boxes = {f"{topic}/{name}": _Box(_KEPT.get(topic, 1), rate_hz) for topic in PEER_TOPICS for name in self._ids}
-        boxes |= {f"{HEAD_TOPIC}/{name}": _Box(1, _HEAD_RATE_HZ) for name in self._ids}
+        self._rate_hz = rate_hz
+        boxes = dict[str, _Box]()
+        for name in self._ids:
+            boxes |= self._boxes_of(name)
         self._own = {key: box for key, box in boxes.items() if key.partition("/")[2] in self._own_names}
         self._peers = {key: box for key, box in boxes.items() if key not in self._own}
+        self._strangers = _Guests(1, rate_hz)
+        self._present_strangers: set[str] = set()
         self._operators = _Guests(_OPERATOR_KEPT, _OPERATOR_RATE_HZ)
         self._sensors = _Guests(_SENSOR_KEPT, _SENSOR_RATE_HZ)
         self._rosters = _Guests(1, _ROSTER_RATE_HZ)
@@ -124,6 +130,20 @@ class Mailbox:
         self._present_operators: set[str] = set()
         self._awaited = False
         self._dropped = DropCounter()
+
+    def _boxes_of(self, name: str) -> dict[str, _Box]:
+        boxes = {f"{topic}/{name}": _Box(_KEPT.get(topic, 1), self._rate_hz) for topic in PEER_TOPICS}
+        return boxes | {f"{HEAD_TOPIC}/{name}": _Box(1, _HEAD_RATE_HZ)}
+
+    def admit(self, vehicle_id: int) -> bool:
+        """Receive a vehicle that joins in flight; returns as `put`."""
+        with self._lock:
+            name = str(vehicle_id)
+            if name not in self._ids:
+                self._ids[name] = vehicle_id
+                self._peers |= self._boxes_of(name)
+                self._presence[vehicle_id] = name in self._present_strangers
+            return self._calls()
 
     @property
     def drops(self) -> Drops:
@@ -175,11 +195,21 @@ class Mailbox:
         """Take a change of a vehicle's presence; returns the same as `put`."""
         with self._lock:
             vehicle_id = self._ids.get(name)
+            if vehicle_id is None and self._note_stranger(name, present):
+                return False
             if vehicle_id is None or (present and f"{PRESENCE_TOPIC}/{name}" in self._blocked):
                 self._dropped.add(Reason.NOT_A_MEMBER, f"{PRESENCE_TOPIC}/{name}")
                 return False
             self._presence[vehicle_id] = present
             return self._calls()
+
+    def _note_stranger(self, name: str, present: bool) -> bool:
+        """Take the presence of a vehicle that may join later; return False for any other name, or for too many."""
+        if not present:
+            self._present_strangers.discard(name)
+        elif is_vehicle(name) and len(self._present_strangers) < _GUESTS:
+            self._present_strangers.add(name)
+        return is_vehicle(name) and (not present or name in self._present_strangers)
 
     def put_operator(self, name: str, present: bool) -> None:
         """Take a change of an operator's presence; operators beyond the limit are ignored."""
@@ -231,6 +261,8 @@ class Mailbox:
                 return self._sensors.box(f"{topic}/{name}", now_s) or Reason.TOO_MANY
             case [topic, name] if topic == ROSTER_TOPIC and is_name(name):
                 return self._rosters.box(name, now_s) or Reason.TOO_MANY
+            case [topic, name] if topic == _START_TOPIC and name not in self._own_names and is_vehicle(name):
+                return self._strangers.box(name, now_s) or Reason.TOO_MANY
             case [topic, name] if topic in PEER_TOPICS or topic == HEAD_TOPIC:
                 return Reason.OWN_ID if name in self._own_names else Reason.NOT_A_MEMBER
         return Reason.UNKNOWN_KEY

@@ -2,7 +2,7 @@
 
 import asyncio
 from collections import Counter
-from collections.abc import Collection, Iterable
+from collections.abc import Collection, Iterable, Mapping
 from math import ceil
 
 import msgspec
@@ -10,7 +10,16 @@ import msgspec
 from agents.ports import PeerBus, VehicleRefusedError
 from agents.shell.clock import MissionClock
 from agents.team.codec import encode
-from agents.team.messages import TOPICS, BusMessage, MissionIdentity, StartProposal
+from agents.team.messages import (
+    DID_LIMIT,
+    TOPICS,
+    AddedAnswer,
+    AddedVehicle,
+    BusMessage,
+    MissionIdentity,
+    StartProposal,
+)
+from agents.team.text import printable
 
 LEAD_TIME_S = 2.0
 """The lead time of a proposed start: longer than a proposal takes to reach all members."""
@@ -125,7 +134,10 @@ class StartAgreement:
         vehicle_id: int,
         members: Collection[int],
         mission: MissionIdentity | None = None,
+        *,
+        is_added: bool = False,
     ) -> None:
+        """Take the team; a vehicle that `is_added` to it sends nothing before it introduces itself."""
         self._bus = bus
         self._clock = clock
         self._vehicle_id = vehicle_id
@@ -138,6 +150,23 @@ class StartAgreement:
         self._announcing: asyncio.Task[None] | None = None
         self._agreeing = False
         self._agreed = False
+        self._is_added = is_added
+        self._adds: AddedVehicle | None = None
+        self._answer: AddedAnswer | None = None
+        self._answers: dict[int, AddedAnswer] = {}
+
+    @property
+    def answers(self) -> Mapping[int, AddedAnswer]:
+        """What the peers have answered last to this vehicle's introduction, by their ids."""
+        return self._answers
+
+    def introduce(self, vehicle: AddedVehicle) -> None:
+        """Announce that this vehicle, which is not in the mission file, joins the peers."""
+        self._adds = vehicle
+
+    def answer(self, vehicle_id: int, vehicle: AddedVehicle, refusal: str) -> None:
+        """Answer a vehicle that is not in the mission file from now on; without a refusal it may join."""
+        self._answer = AddedAnswer(vehicle_id, vehicle, printable(refusal)[:DID_LIMIT], self._duration_s)
 
     @property
     def start_s(self) -> float | None:
@@ -179,6 +208,8 @@ class StartAgreement:
         """
         if self._announcing is None:  # the speed of this clock is not set yet
             return
+        if isinstance(message, StartProposal) and message.answer is not None:
+            self._take_answer(message.sender, message.answer)
         if isinstance(message, StartProposal) and self._agreed:
             if message.start_s is None and message.sender in self._readiness.others:
                 self._publish(self._readiness.message(self._clock.now_s()))
@@ -191,6 +222,10 @@ class StartAgreement:
             self._clocks.receive(message.sender, lag_s / self._clock.time_scale)
             if abs(lag_s) < TOPICS[StartProposal].age_max_s and is_possible(message, now_s, self._duration_s):
                 self._readiness.receive(message)
+
+    def _take_answer(self, sender: int, answer: AddedAnswer) -> None:
+        if (answer.vehicle, answer.about) == (self._vehicle_id, self._adds):  # not to an earlier attempt
+            self._answers[sender] = answer
 
     def note_presence(self, vehicle_id: int, present: bool) -> None:
         """Take whether a peer is present."""
@@ -275,7 +310,10 @@ class StartAgreement:
             )
 
     def _publish(self, message: StartProposal) -> None:
-        self._bus.publish(TOPICS[StartProposal].name, encode(msgspec.structs.replace(message, mission=self._mission)))
+        if self._is_added and self._adds is None:
+            return
+        whole = msgspec.structs.replace(message, mission=self._mission, adds=self._adds, answer=self._answer)
+        self._bus.publish(TOPICS[StartProposal].name, encode(whole))
 
     async def _pause(self) -> None:
         await self._clock.sleep(_PERIOD_S)

@@ -27,6 +27,7 @@ from agents.team.messages import (
     BusMessage,
     MemberState,
     OperatorCommand,
+    StartProposal,
 )
 from agents.team.participant import SENSOR_TOPICS, Participant, Role, is_name
 
@@ -55,8 +56,8 @@ class ZenohBus:
 
     There is a session for each station; `connect` are the endpoints of other processes. The first session receives for
     all, and connects to the others of this process. Each vehicle may send `rate_hz` messages a second on each topic;
-    vehicles outside the team are not received. The sessions are opened with the first participant and closed with the
-    last one, once each.
+    of vehicles outside the team only what announces that they join is received, until `admit`. The sessions are opened
+    with the first participant and closed with the last one, once each.
     """
 
     def __init__(
@@ -128,6 +129,12 @@ class ZenohBus:
     def operated(self) -> bool:
         """Whether an operator is on the bus."""
         return self._mailbox.operated
+
+    def admit(self, vehicle_id: int) -> None:
+        """Receive from now on a vehicle that joins the team in flight."""
+        self._names[str(vehicle_id)] = vehicle_id
+        if self._mailbox.admit(vehicle_id):
+            self._wake()
 
     async def join(self, bus: "ParticipantBus") -> None:
         """Open the sessions if necessary, and deliver messages to a participant from now on."""
@@ -278,6 +285,9 @@ class ZenohBus:
         if message is None:
             return
         sender = None if isinstance(message, OperatorCommand) else message.sender
+        if str(sender) not in self._names and isinstance(message, StartProposal) and message.adds is None:
+            self.count(Reason.NOT_A_MEMBER, key)
+            return
         self._give([bus.on_message for bus in self._others(sender)], message)
 
     def _others(self, vehicle_id: int | None) -> "list[ParticipantBus]":
@@ -369,6 +379,10 @@ class ParticipantBus:
             self._session.appear(self.participant.name, topic)
             if self._closed:
                 self._session.disappear(self.participant.name)
+
+    def admit(self, vehicle_id: int) -> None:
+        """Receive from now on a vehicle that joins the team in flight, for all participants of this process."""
+        self._bus.admit(vehicle_id)
 
     def publish(self, topic: str, payload: bytes) -> None:
         """Send to every other participant, best effort; never raises for a lost network.

@@ -21,6 +21,10 @@ class Inbox:
         self._clocks = clocks
         self.dropped = DropCounter()
 
+    def admit(self, vehicle_id: int) -> None:
+        """Accept the messages of a vehicle that joins the team in flight."""
+        self._others |= {vehicle_id}
+
     def accepts(self, message: BusMessage, now_s: float, time_scale: float) -> bool:
         """Return whether a message is from the team, not too old and not from the future.
 

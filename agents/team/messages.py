@@ -281,11 +281,35 @@ class MissionIdentity(msgspec.Struct, frozen=True, array_like=True):
     digest: Annotated[str, msgspec.Meta(pattern=r"^[0-9a-f]{16}$")]
 
 
+class AddedVehicle(msgspec.Struct, frozen=True):
+    """What a team has to know of a vehicle that joins it in flight and is not in its mission file.
+
+    It takes off and lands at `start_m`, flies at `altitude_m`, and has `slot_m` in a free formation, else none: ().
+    """
+
+    start_m: Metres2
+    altitude_m: _Metres
+    slot_m: Annotated[tuple[_Metres, ...], msgspec.Meta(max_length=2)] = ()
+
+
+class AddedAnswer(msgspec.Struct, frozen=True, array_like=True):
+    """What a vehicle answers to an added one, `about` its announcement: why it must not join, empty if it may.
+
+    The mission that it joins lasts `duration_s` from its start on.
+    """
+
+    vehicle: VehicleId
+    about: AddedVehicle
+    refusal: Annotated[str, msgspec.Meta(max_length=DID_LIMIT, pattern=PRINTABLE)] = ""
+    duration_s: _Seconds = 0.0
+
+
 class StartProposal(msgspec.Struct, frozen=True, array_like=True, tag="start"):
     """A vehicle's presence, its mission, and the start that it proposes (None: not all members are ready yet).
 
     A vehicle is `ready` once it hovers; on the ground the message serves to compare clocks. It is also sent in flight,
-    so that operators can check which mission the team flies.
+    so that operators can check which mission the team flies. A vehicle that is not in the mission file announces itself
+    by `adds`, and the others send `answer`.
     """
 
     sender: VehicleId
@@ -293,6 +317,8 @@ class StartProposal(msgspec.Struct, frozen=True, array_like=True, tag="start"):
     start_s: TimeS | None
     ready: bool = True
     mission: MissionIdentity | None = None
+    adds: AddedVehicle | None = None
+    answer: AddedAnswer | None = None
 
 
 class CommandKey(NamedTuple):

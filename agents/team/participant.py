@@ -21,6 +21,11 @@ def is_name(text: str) -> bool:
     return _NAME.fullmatch(text) is not None
 
 
+def is_vehicle(name: str) -> bool:
+    """Return whether a name is a vehicle's: its id as a number."""
+    return name.isascii() and name.isdecimal() and 1 <= int(name[:4]) <= 254 and name == str(int(name[:4]))
+
+
 def name_from(text: str) -> str:
     """Return a text as a name: invalid characters become '-', and it is cut to the maximum length."""
     return _FOREIGN_TO_NAMES.sub("-", text)[:NAME_LENGTH] or "-"

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, get_args
 from cyclopts import Parameter
 
 from agents.team.verbs import VERBS, CommandVerb, Verb, VerbRow
-from gcs.cli.options import Changes, KeyName, RunningMission, bus_mission, chosen_vehicle
+from gcs.cli.options import Changes, KeyName, RunningMission, chosen_vehicle, running_mission
 from gcs.errors import Exit, InputError
 
 if TYPE_CHECKING:
@@ -57,7 +57,7 @@ def command(
     from gcs.console.terminal import print_problem
     from gcs.console.verb_arguments import given_command
 
-    mission = bus_mission(options.mission, options.changes)
+    mission = running_mission(options.mission, options.changes)
     if options.vehicle is not None:
         chosen_vehicle(mission, options.vehicle, "--vehicle")
     given = given_command(mission, verb, arguments, options.vehicle)

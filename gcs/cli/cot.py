@@ -8,7 +8,7 @@ from cyclopts import Parameter
 from cyclopts.validators import Number
 
 from gcs.cli.gateway import require_target, run_gateway
-from gcs.cli.options import Changes, KeyName, RunningMission, Share, bus_mission, only_file
+from gcs.cli.options import Changes, KeyName, RunningMission, Share, only_file, running_mission
 from gcs.errors import Exit, InputError
 from gcs.signals import hold_back
 
@@ -84,7 +84,7 @@ def cot(options: CotOptions = _DEFAULTS) -> Exit:
 
     side = _side(options)
     require_pytak()
-    mission = bus_mission(options.mission, options.changes)
+    mission = running_mission(options.mission, options.changes)
     tracked = _tracked(options, mission)
 
     def make() -> CotBridge:

@@ -80,7 +80,7 @@ def _excite(options: ExciteOptions) -> Exit:
     speed = options.speed or (1.0 if options.sitl else None)
     plan = FlightPlan(mission, mission.mission.duration_s, mission.vehicles, speed, mission.ids if options.sitl else ())
 
-    def judge(record: "FlightRecord") -> Exit:
+    def judge(_flown: "Mission", record: "FlightRecord") -> Exit:
         return _present(mission, planned, record, json=options.json)
 
     return run_flight(plan, RecordingOptions(options.log, options.recorded), judge)

@@ -40,6 +40,7 @@ from gcs.signals import hold_back
 
 if TYPE_CHECKING:
     from gcs.metrics.record import FlightRecord
+    from gcs.mission.mission import Mission
 
 OFF = "off"
 _LIVE_ADDRESS = "127.0.0.1:8765"
@@ -264,7 +265,7 @@ def _fly(options: FlyOptions) -> Exit:
     live_address = (options.live_address or _LIVE_ADDRESS) if options.live else None
     recording = RecordingOptions(options.log, options.recorded, options.only, live_address, options.live_origin)
 
-    def judge(record: "FlightRecord") -> Exit:
-        return present(mission, record, json=options.json, plot=options.plot, figure=options.figure)
+    def judge(flown: "Mission", record: "FlightRecord") -> Exit:
+        return present(flown, record, json=options.json, plot=options.plot, figure=options.figure)
 
     return run_flight(request.plan(), recording, judge)

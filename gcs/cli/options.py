@@ -227,6 +227,20 @@ def bus_mission(name: str, changes: Sequence[str] = ()) -> "Mission":
     return mission
 
 
+def running_mission(name: str, changes: Sequence[str] = ()) -> "Mission":
+    """Return the mission of a verb that reaches a team in flight: as `bus_mission`, with a vehicle that has joined the
+    flight from this computer (`cordon rejoin --add`). Raises InputError.
+    """
+    from agents.ports import VehicleRefusedError
+    from gcs.link.ports import added_text
+
+    mission = bus_mission(name, changes)
+    with suppress(InputError, VehicleRefusedError):  # without a folder of claims no vehicle has joined from here
+        if (text := added_text(mission)) is not None:
+            return mission.parse(text, mission.folder, mission.profile_texts)
+    return mission
+
+
 def require_answer(
     mission: str, changes: Sequence[str], from_pilot: Sequence[int], left: Sequence[int], *, yes: bool
 ) -> None:

@@ -25,6 +25,7 @@ from gcs.signals import hold_back
 if TYPE_CHECKING:
     from gcs.flight.plan import FlightPlan
     from gcs.metrics.record import FlightRecord
+    from gcs.mission.mission import Mission
 
 
 @Parameter(name="*")
@@ -76,7 +77,7 @@ def _recover(options: RecoveryOptions) -> Exit:
 
     plan = _plan(options)
 
-    def judge(record: "FlightRecord") -> Exit:
+    def judge(_flown: "Mission", record: "FlightRecord") -> Exit:
         ended = TeamEnding.of(record.endings)
         if ended is not None and not ended.is_early:
             print_line(ended.headline, "bold green")
@@ -107,7 +108,7 @@ def _plan(options: RecoveryOptions) -> "FlightPlan":
     vehicles = tuple(each for each in mission.vehicles if each.id not in options.leave)
     if not vehicles:
         raise InputError(["--leave: no vehicle of the mission is left to bring home"])
-    clock = lockstep_clock(mission)
+    clock = lockstep_clock(mission, mission.ids)
     require_governed(options.speed, only_stubs=clock is not None, advice="it needs `cordon sitl --lockstep`")
     recovery = TeamRecovery(options.take_from_pilot, confirmed=options.yes)
     return FlightPlan(mission, HOLDS_S, vehicles, options.speed, clock=clock, recovery=recovery)

@@ -1,13 +1,78 @@
-"""`cordon rejoin`: a vehicle that has landed comes back into the flight of its team."""
+"""`cordon rejoin`: a vehicle that has landed comes back into the flight of its team, or one that is not in its mission
+file joins it.
+"""
 
-from dataclasses import dataclass, field
-from typing import Annotated
+from collections.abc import Iterator
+from dataclasses import dataclass, field, fields
+from typing import TYPE_CHECKING, Annotated
 
-from cyclopts import Parameter
+from cyclopts import Group, Parameter
+from cyclopts.validators import Number
 
 from gcs.cli.command import send
-from gcs.cli.options import Changes, KeyName, RunningMission, bus_mission, chosen_vehicle
-from gcs.errors import Exit
+from gcs.cli.options import (
+    Changes,
+    ChecklistDone,
+    KeyName,
+    Log,
+    Recorded,
+    RunningMission,
+    bus_mission,
+    chosen_vehicle,
+    running_mission,
+)
+from gcs.errors import Exit, InputError, KeyFault
+from gcs.signals import hold_back
+
+if TYPE_CHECKING:
+    from gcs.metrics.record import FlightRecord
+    from gcs.mission.mission import Mission
+
+_ADD = Group("With --add")
+
+
+@Parameter(name="*")
+@dataclass(frozen=True, slots=True, kw_only=True)
+class AddOptions:
+    """Options of `cordon rejoin --add`: keys of the vehicle, and of its flight."""
+
+    start: Annotated[str | None, Parameter(group=_ADD, help="Its place on the ground, X,Y [m], such as 0,-8.")] = None
+    url: Annotated[str | None, Parameter(group=_ADD, help="Its MAVLink connection, as in a mission file.")] = None
+    profile: Annotated[
+        str | None, Parameter(group=_ADD, help="Bundled profile, or a file beside the mission; default: stub.")
+    ] = None
+    altitude: Annotated[
+        float | None,
+        Parameter(group=_ADD, help="Flying height [m], between those of the others; default: that of the last one."),
+    ] = None
+    slot: Annotated[
+        str | None, Parameter(group=_ADD, help="Its position in a free formation, X,Y [m]; others take none.")
+    ] = None
+    system_id: Annotated[int | None, Parameter(group=_ADD, help="MAVLink system id; default: its id.")] = None
+    endpoint: Annotated[
+        str | None, Parameter(group=_ADD, help="Zenoh endpoint of its agent; default: tcp/127.0.0.1 with port 7460+id.")
+    ] = None
+    sitl: Annotated[bool, Parameter(negative="", group=_ADD, help="Fly a bundled stub vehicle.")] = False
+    off_bus: Annotated[
+        tuple[int, ...],
+        Parameter(
+            negative="",
+            show_default=False,
+            group=_ADD,
+            help="Do not wait for the answer of this vehicle, which is down and off the bus; may be repeated.",
+        ),
+    ] = ()
+    wait: Annotated[
+        float | None,
+        Parameter(
+            validator=Number(gte=0, lte=3600),
+            group=_ADD,
+            help="Seconds to wait on the ground until it is ready; 0: refuse at once; default: 60.",
+        ),
+    ] = None
+    checklist_done: ChecklistDone = None
+    log: Log = None
+    recorded: Recorded = True
 
 
 @Parameter(name="*")
@@ -15,23 +80,151 @@ from gcs.errors import Exit
 class RejoinOptions:
     """Options of `cordon rejoin`."""
 
-    vehicle: Annotated[int, Parameter(help="The vehicle that has landed.")] = field(kw_only=False)
+    vehicle: Annotated[int, Parameter(help="The vehicle that has landed, or with --add the id of a new one.")] = field(
+        kw_only=False
+    )
     mission: RunningMission = "case2"
     changes: Changes = ()
     key: KeyName = None
+    add: Annotated[
+        bool,
+        Parameter(
+            negative="",
+            help="Fly a vehicle that is not in the mission file with the others, in this process, until it is down.",
+        ),
+    ] = False
+    added: AddOptions = AddOptions()
 
 
-def rejoin(options: RejoinOptions) -> Exit:
+def rejoin(options: RejoinOptions) -> int:
     """Let a vehicle that has landed take off again and join the others, while their `cordon fly` still flies.
 
     For a swapped battery or a mended fault, also after its autopilot has restarted. The vehicle is checked as before a
     flight. Then it takes off where it stands, and returns to its slot or to a ring. One in reserve (`reserve = true` in
-    the mission) takes off for the first time. A vehicle that is not in the mission file cannot join.
+    the mission) takes off for the first time.
+
+    With --add a vehicle that is not in the mission file joins, one for each flight. This process flies it, as
+    `cordon fly --only` does, until the mission's end; Ctrl-C brings it down earlier. It takes off once every vehicle of
+    the mission has answered that it knows it. It is the last in line and the last to land.
 
     Example: cordon rejoin 2 --mission px4-trio
+
+    Example: cordon rejoin 4 --add --mission px4-trio --start 0,-9 --url udpin://127.0.0.1:14543 --profile px4
     """
     from gcs.console.verb_arguments import GivenCommand
 
-    mission = bus_mission(options.mission, options.changes)
-    chosen_vehicle(mission, options.vehicle, "VEHICLE")
+    if options.add:
+        return _add(options)
+    if given := _given(options.added):
+        raise InputError([f"--{name.replace('_', '-')}: it needs --add" for name in given])
+    mission = running_mission(options.mission, options.changes)
+    if options.vehicle not in mission.ids:
+        chosen = f"VEHICLE: the mission has no vehicle {options.vehicle} (it has {', '.join(map(str, mission.ids))})"
+        raise InputError([f"{chosen}; one that is not in its file joins by --add"])
     return send(mission, "rejoin", GivenCommand(vehicle=options.vehicle), options.key)
+
+
+def _given(options: AddOptions) -> list[str]:
+    default = AddOptions()
+    return [each.name for each in fields(options) if getattr(options, each.name) != getattr(default, each.name)]
+
+
+def _add(options: RejoinOptions) -> int:
+    from gcs.flight.supervisor import is_supervised, supervise
+
+    hold_back()
+    if not is_supervised():
+        _enlarged(options)  # what is wrong with the options is reported by this process
+        return supervise()
+    return _fly(options)
+
+
+def _enlarged(options: RejoinOptions) -> "Mission":
+    """Return the mission with the vehicle of the options; raises InputError, whose faults name options."""
+    from gcs.mission.file import enlarged_mission
+
+    mission, added = bus_mission(options.mission, options.changes), options.added
+    for each in added.off_bus:
+        chosen_vehicle(mission, each, "--off-bus")
+    faults = [f"{option}: {reason}" for option, reason, is_so in _slips(options, mission) if is_so]
+    table: dict[str, object] = {"id": options.vehicle, "altitude_m": mission.vehicles[-1].section.altitude_m}
+    table |= {key: given for key, name in _PLAIN.items() if (given := getattr(added, name)) is not None}
+    places = {"start_m": ("--start", added.start), "slot_m": ("--slot", added.slot)}
+    table |= {key: _place(option, given, faults) for key, (option, given) in places.items() if given is not None}
+    if faults:
+        raise InputError(faults)
+    try:
+        return enlarged_mission(mission, table)
+    except InputError as error:
+        raise InputError([_named(fault, len(mission.vehicles)) for fault in error.placed]) from error
+
+
+_PLAIN = {
+    "url": "url",
+    "profile": "profile",
+    "altitude_m": "altitude",
+    "system_id": "system_id",
+    "endpoint": "endpoint",
+}
+"""Keys of a vehicle that are given as they are, by the names of their options."""
+
+
+def _slips(options: RejoinOptions, mission: "Mission") -> Iterator[tuple[str, str, bool]]:
+    """Yield options of --add, what is wrong with them, and whether it is."""
+    vehicle, added = options.vehicle, options.added
+    yield "--add", f"vehicle {vehicle} is in the mission: rejoin it without --add", vehicle in mission.ids
+    yield "--key", "not with --add, which uses the keys of the vehicle", options.key is not None
+    yield "--start", "with --add the vehicle needs its place on the ground, X,Y", added.start is None
+    yield "--url", "with --add the vehicle needs its connection, or --sitl", added.url is None and not added.sitl
+    yield "--off-bus", "no vehicle is left that the new one could join", {*added.off_bus} == {*mission.ids}
+
+
+def _place(option: str, given: str, faults: list[str]) -> tuple[float, float]:
+    try:
+        x, y = map(float, given.split(","))
+    except ValueError:
+        faults.append(f"{option}: {given!r} is not a place X,Y in metres, such as 0,-8")
+        return 0.0, 0.0
+    return x, y
+
+
+_OPTIONS = {
+    "id": "VEHICLE",
+    "start_m": "--start",
+    "slot_m": "--slot",
+    "url": "--url",
+    "profile": "--profile",
+    "altitude_m": "--altitude",
+    "system_id": "--system-id",
+    "endpoint": "--endpoint",
+}
+
+
+def _named(fault: KeyFault, number: int) -> KeyFault:
+    """Return a fault of the enlarged mission with the option in place of the key of the added vehicle."""
+    vehicle, _, key = fault.place.partition(".")
+    if vehicle == f"vehicles[{number}]" and key in _OPTIONS:
+        return KeyFault(_OPTIONS[key], fault.reason)
+    return KeyFault("--add", f"with one more vehicle: {fault}")
+
+
+def _fly(options: RejoinOptions) -> Exit:
+    from gcs.cli.output import present
+    from gcs.flight.recording import RecordingOptions
+    from gcs.flight.request import FlightRequest
+    from gcs.flight.run import run_flight
+
+    mission, added = _enlarged(options), options.added
+    request = FlightRequest(
+        mission=mission,
+        stubs=(options.vehicle,) if added.sitl else (),
+        wait_s=60.0 if added.wait is None else added.wait,
+        checklist_done=added.checklist_done,
+        off_bus=added.off_bus,
+    )
+
+    def judge(flown: "Mission", record: "FlightRecord") -> Exit:
+        present(flown, record, json=False, plot=None)
+        return Exit.HOLDS  # the mission's verdicts are on a team that begins it together
+
+    return run_flight(request.plan(), RecordingOptions(added.log, added.recorded, options.vehicle), judge)

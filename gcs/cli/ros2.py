@@ -8,7 +8,7 @@ from cyclopts import Parameter
 from cyclopts.validators import Number
 
 from gcs.cli.gateway import require_target, run_gateway
-from gcs.cli.options import Changes, KeyName, RunningMission, Share, bus_mission
+from gcs.cli.options import Changes, KeyName, RunningMission, Share, running_mission
 from gcs.errors import Exit, InputError
 from gcs.signals import hold_back
 
@@ -61,7 +61,7 @@ def ros2(options: Ros2Options = _DEFAULTS) -> Exit:
 
     require_rosbags()
     side = RosSide(_endpoint(options.router), _domain(options.domain), topic_of("--sightings", options.sightings))
-    mission = bus_mission(options.mission, options.changes)
+    mission = running_mission(options.mission, options.changes)
     require_target(mission, options.target)
     defaults = SightingDefaults(options.frame, options.sigma, options.importance, options.threat, options.target)
 

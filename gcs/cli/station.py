@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 from cyclopts import Parameter
 
-from gcs.cli.options import STATION_ADDRESS, Changes, KeyName, Tiles, bus_mission, only_file
+from gcs.cli.options import STATION_ADDRESS, Changes, KeyName, Tiles, only_file, running_mission
 from gcs.errors import Exit, InputError
 from gcs.signals import hold_back, relay
 
@@ -133,7 +133,7 @@ def _serve_teams(access: "Access", options: StationOptions, ending: _Ending) -> 
     from gcs.station.picture import origin_deg
     from gcs.station.server import ServedTeam, serve_teams
 
-    missions = [bus_mission(name, options.changes) for name in options.mission]
+    missions = [running_mission(name, options.changes) for name in options.mission]
     names = [each.network.team for each in missions]
     if len(missions) > 1 and options.changes:
         raise InputError(["--set: with several missions, change their files"])

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 from cyclopts import Parameter
 from cyclopts.validators import Number
 
-from gcs.cli.options import Changes, KeyName, RunningMission, Share, bus_mission
+from gcs.cli.options import Changes, KeyName, RunningMission, Share, running_mission
 from gcs.errors import Exit, InputError
 
 if TYPE_CHECKING:
@@ -72,7 +72,7 @@ def target(
     position = tuple(value for value in (x, y, options.lat, options.lon) if value is not None)
     if len(position) != 2 or not (options.is_geodetic or (x is not None and y is not None)):
         raise InputError(["target: give the position as X Y in metres, or as --lat and --lon in degrees"])
-    mission = bus_mission(options.mission, options.changes)
+    mission = running_mission(options.mission, options.changes)
     if faults := list(_position_faults(position, mission, geodetic=options.is_geodetic)):
         raise InputError(faults)
     return _publish(_sighting(position, options), mission, options)

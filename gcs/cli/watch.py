@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 from cyclopts import Parameter
 
-from gcs.cli.options import Changes, RunningMission, bus_mission
+from gcs.cli.options import Changes, RunningMission, running_mission
 from gcs.errors import Exit
 from gcs.signals import hold_back
 
@@ -32,7 +32,7 @@ def watch(*, options: WatchOptions = _DEFAULTS) -> Exit:
     from gcs.console.terminal import STDERR, print_problem
     from gcs.console.watch import WatchView, watch_until_ctrl_c
 
-    mission = bus_mission(options.mission, options.changes)
+    mission = running_mission(options.mission, options.changes)
     try:
         with WatchView(STDERR, mission.safety.separation_m) as view:
             asyncio.run(watch_until_ctrl_c(mission, view))

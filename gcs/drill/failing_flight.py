@@ -15,6 +15,7 @@ from gcs.flight.recording import FOLDER_VARIABLE, RecordingOptions
 from gcs.flight.run import run_flight
 from gcs.metrics.record import FlightRecord
 from gcs.mission.file import load_mission
+from gcs.mission.mission import Mission
 from sitl.server.shared_clock import ClockName
 
 
@@ -52,8 +53,8 @@ def fly(name: str, duration_s: float, clock: ClockName | None, speed: float, *, 
     receiver.listen(socket)
     mission = load_mission(name)
 
-    def judge(record: FlightRecord) -> Exit:
-        return verdict_of(show_result(mission, record))
+    def judge(flown: Mission, record: FlightRecord) -> Exit:
+        return verdict_of(show_result(flown, record))
 
     equipment = FailingEquipment(receiver)
     plan = FlightPlan(mission, duration_s, mission.vehicles, speed, equipment=equipment, clock=clock)

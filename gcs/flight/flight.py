@@ -22,6 +22,7 @@ from gcs.console.command_client import CommandClient
 from gcs.console.keyboard import KeyBindings, Keyboard, KeyCommands, KeyedCommand
 from gcs.console.live import LiveView
 from gcs.errors import InputError
+from gcs.flight.added_flight import AddedFlight
 from gcs.flight.audit_exchange import AuditExchange
 from gcs.flight.faults.failing_equipment import FailingEquipment
 from gcs.flight.faults.schedule import ScheduledFault
@@ -45,6 +46,7 @@ from gcs.link.signing_keys import signing_keys
 from gcs.metrics.ending import Unaccounted, named
 from gcs.metrics.journal import Journal
 from gcs.metrics.record import FlightRecord
+from gcs.mission.mission import Mission
 from gcs.preflight.findings import Grade
 from sitl.server.governed_clock import GovernedClock
 from sitl.server.shared_clock import ClockError, Rank, new_clock
@@ -175,8 +177,12 @@ _ORPHANED = Outcome(FlightEnd.WATCHDOG, "the flight's supervisor process had end
 
 @dataclass(frozen=True, slots=True)
 class FlightOutcome:
-    """The result: each vehicle's outcome, the record if the mission began, and the speeds requested and reached."""
+    """The result: each vehicle's outcome, the record if the mission began, and the speeds requested and reached.
 
+    `mission` is that which was flown, with a vehicle that has joined.
+    """
+
+    mission: Mission
     outcomes: dict[int, Outcome]
     record: FlightRecord | None
     speed: float
@@ -300,7 +306,7 @@ async def _fly(
         wall_time_s, mission_time_s = perf_counter() - began_s, clock.now_s() - began_mission_s
     record = team.record(stubs.record, wall_time_s, outcomes)
     team.complete(stubs.record, record, outcomes)
-    return FlightOutcome(outcomes, record, plan.speed or clock.speed, mission_time_s / wall_time_s)
+    return FlightOutcome(team.flown_mission, outcomes, record, plan.speed or clock.speed, mission_time_s / wall_time_s)
 
 
 async def _unless_stopped(preparing: Coroutine[None, None, None], stop: Stop) -> None:
@@ -351,8 +357,12 @@ async def _fly_members(
     """Fly until every vehicle's flight has ended; what runs beside is cancelled then."""
     tasks = [asyncio.create_task(each) for each in beside]
     try:
-        fly = MemberFlights(team, report).fly() if team.plan.recovery is None else _recover_team(team)
-        outcomes = await fly
+        if team.plan.recovery is not None:
+            outcomes = await _recover_team(team)
+        elif team.plan.mission.added is not None:
+            outcomes = await AddedFlight(team, report).fly()
+        else:
+            outcomes = await MemberFlights(team, report).fly()
     finally:
         for task in tasks:
             task.cancel()

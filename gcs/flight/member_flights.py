@@ -6,12 +6,13 @@ from collections.abc import Coroutine, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from datetime import date
-from math import dist
+from math import cos, dist, sin
 
 from agents.control.plan import PlannerError
 from agents.flight_end import FlightEnd
 from agents.shell.outcome import UNUSED, Outcome
 from agents.tactics import Tactic
+from agents.team.messages import MemberState
 from estimation.frames import Triple
 from estimation.state import POSITION
 from gcs.flight.preparation import FIRST_REPORTS_S, start_blockers
@@ -67,7 +68,7 @@ class MemberFlights:
             outcome = await begun(team, member, agent.fly(team.plan.duration_s, team.stop))
             self._reserves.note_end(member.vehicle.id, outcome)
         while await self._is_to_rejoin(member):
-            refusal = await self._refusal(member)
+            refusal = await self.refusal(member)
             if refusal:
                 if agent.in_reserve:
                     team.view.print_line(f"vehicle {member.vehicle.id} stays in reserve: {refusal}", "warning")
@@ -99,7 +100,7 @@ class MemberFlights:
         self._flying.add(member.vehicle.id)
         return True
 
-    async def _refusal(self, member: Member) -> str:
+    async def refusal(self, member: Member) -> str:
         """Check a vehicle that is to rejoin; return why it must not take off, empty if it may."""
         async with self._checking:  # each has the checks' whole time
             with _at_preparing_speed(self._team):
@@ -155,9 +156,8 @@ class MemberFlights:
     def _paths_m(self, vehicle_id: int, for_s: float) -> dict[int, list[tuple[float, float]]]:
         """Return where the other vehicles in the air will be: straight on, except those on the ring."""
         moving = {
-            peer.sender: (*peer.position_m[:2], *peer.velocity_m_s[:2])
-            for status in self._team.newest.values()
-            for peer in status.peers
+            peer.sender: (*peer.position_m, *((0.0, 0.0) if peer.angle is not None else peer.velocity_m_s))
+            for peer in self._peers()
         }
         for each in self._team.members:
             moving.pop(each.vehicle.id, None)
@@ -171,7 +171,7 @@ class MemberFlights:
         return {i: [(x + vx * s, y + vy * s) for s in steps] for i, (x, y, vx, vy) in moving.items()}
 
     def _rings(self) -> Iterator[tuple[tuple[float, float], float]]:
-        """Return centre and radius of the rings that the vehicles fly now, by their own estimates [m]."""
+        """Return centre and radius of the rings that vehicles fly now, by their own estimates [m]."""
         for member in self._team.members:
             status = self._team.newest.get(member.vehicle.id)
             if status is None or member.ending or status.tactic is not Tactic.ENCIRCLE:
@@ -179,6 +179,15 @@ class MemberFlights:
             if status.target_estimate is not None and status.polar is not None:
                 x, y = status.target_estimate.mean[POSITION].tolist()
                 yield (x, y), status.polar.radius_m
+        for peer in self._peers():
+            if (angle := peer.angle) is not None:
+                (x, y), radius_m = peer.position_m, angle.radius_m
+                yield (x - radius_m * cos(angle.bearing_rad), y - radius_m * sin(angle.bearing_rad)), radius_m
+
+    def _peers(self) -> Iterator[MemberState]:
+        """Return the newest states that vehicles of this process have of others."""
+        for status in self._team.newest.values():
+            yield from status.peers
 
 
 @contextmanager

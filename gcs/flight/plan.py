@@ -52,7 +52,7 @@ class FlightPlan:
     starts them (`cordon start`). A flight of stubs joins the governed `clock` that they are on, or makes one. `holders`
     are those of the bus's keys when the flight begins. `planner` is the mission's, None for cordon's. A `recovery`
     brings vehicles home that are in the air. Nothing is armed before the required items of a `checklist` are ticked.
-    `weather` is noted in the log.
+    `weather` is noted in the log. A vehicle that the mission adds does not wait for answers of those `off_bus`.
     """
 
     mission: Mission
@@ -72,6 +72,7 @@ class FlightPlan:
     recovery: TeamRecovery | None = None
     checklist: Checklist | None = None
     weather: str = ""
+    off_bus: tuple[int, ...] = ()
 
     def __post_init__(self) -> None:
         """Raise InputError for a mission with a planner of its own that was not loaded; the way home is cordon's."""

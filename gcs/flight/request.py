@@ -26,7 +26,8 @@ class FlightRequest:
     start. On the `bench`, boards in hardware-in-the-loop simulation fly. The mission's planner is imported only if
     `allow_plugins`. Who has done the mission's checklist may be named by `checklist_done`; else its items are ticked on
     the operator's page. `weather` is what people note about it. With a `recovery` the vehicles that are
-    in the air are taken, except those `left`, without the checklist.
+    in the air are taken, except those `left`, without the checklist. A vehicle that the mission adds joins the flight
+    of the others, on their clock; it does not wait for those `off_bus`.
     """
 
     mission: Mission
@@ -43,17 +44,20 @@ class FlightRequest:
     weather: str = ""
     recovery: TeamRecovery | None = None
     left: tuple[int, ...] = ()
+    off_bus: tuple[int, ...] = ()
 
     def plan(self) -> FlightPlan:
         """Return the plan; raises InputError, whose faults name options of `cordon fly`."""
         mission, stubs = self.mission, self.stubs
+        if mission.added is not None:
+            return self._joining(mission.vehicle(mission.added))
         if stubs and self.only is not None:
             raise InputError(["--only: with --sitl all vehicles fly in this process; use `cordon sitl` for the stubs"])
         if self.only in mission.reserves:
             raise InputError([f"--only: vehicle {self.only} is in reserve: it flies in one process with the others"])
         if self.faults and not stubs:
             raise InputError(["--fault: it needs --sitl: faults are injected into stub vehicles only"])
-        clock = None if stubs else lockstep_clock(mission)
+        clock = None if stubs else lockstep_clock(mission, mission.ids)
         waits = len(stubs) == len(mission.ids) or clock is not None
         require_governed(self.speed, only_stubs=waits, advice="it needs --sitl, or `cordon sitl --lockstep`")
         duration_s = self.duration_s or mission.mission.duration_s
@@ -72,6 +76,22 @@ class FlightRequest:
             checklist=self._checklist(),
             weather=printable(self.weather)[:WEATHER_MAX],
             recovery=self.recovery,
+        )
+
+    def _joining(self, vehicle: MissionVehicle) -> FlightPlan:
+        """Return the plan of a vehicle that joins others: the flight that runs already sets the speed."""
+        clock = lockstep_clock(self.mission, [each for each in self.mission.ids if each not in self.stubs])
+        return FlightPlan(
+            self.mission,
+            self.mission.mission.duration_s,
+            (vehicle,),
+            1.0 if self.stubs and clock is None else None,
+            self.stubs,
+            wait_s=self.wait_s,
+            clock=clock,
+            checklist=self._checklist(),
+            weather=printable(self.weather)[:WEATHER_MAX],
+            off_bus=self.off_bus,
         )
 
     def _checklist(self) -> Checklist | None:

@@ -32,10 +32,13 @@ from gcs.preflight.preflight import RECOVERY_HEADLINES, findings_view
 _SPEED_REACHED_SHARE = 0.97
 
 
-def run_flight(plan: FlightPlan, recording: RecordingOptions, judge: Callable[[FlightRecord], Exit]) -> Exit:
+Judge = Callable[[Mission, FlightRecord], Exit]
+
+
+def run_flight(plan: FlightPlan, recording: RecordingOptions, judge: Judge) -> Exit:
     """Fly a plan, whose `log` is opened here, in the supervised process; return the exit code.
 
-    `judge` receives the record of a mission that began, shows it and returns its verdict. Raises InputError.
+    `judge` receives the mission and the record of one that began, shows it and returns its verdict. Raises InputError.
     """
     try:
         flight, log = flown(plan, recording)
@@ -44,7 +47,7 @@ def run_flight(plan: FlightPlan, recording: RecordingOptions, judge: Callable[[F
         return Exit.REFUSED
     verdict = Exit.VERDICT_FAILED
     if flight.record is not None:
-        verdict = judge(flight.record)
+        verdict = judge(flight.mission, flight.record)
         _warn_of_lateness(flight, flight.record, slower=plan.is_governed and flight.speed > 1.0)
     report_log(log)
     return exit_code(plan.mission, flight.outcomes, verdict)

@@ -112,9 +112,9 @@ async def serve_until_ctrl_c(configs: Sequence[StubConfig], make_clock: Callable
         clock.close()
 
 
-def lockstep_clock(mission: Mission) -> ClockName | None:
-    """Return the clock of stubs of this computer that wait for their clients, None if a vehicle is not such a stub."""
-    urls = [urlsplit(vehicle.section.url) for vehicle in mission.vehicles]
+def lockstep_clock(mission: Mission, ids: Collection[int]) -> ClockName | None:
+    """Return the clock of stubs of this computer that wait for their clients, None if one of `ids` is no such stub."""
+    urls = [urlsplit(mission.vehicle(each).section.url) for each in ids]
     if any(url.scheme != "udpin" for url in urls):
         return None
     return clock_of({url.port or 0 for url in urls})

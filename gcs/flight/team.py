@@ -36,7 +36,8 @@ from gcs.link.rates import RateController
 from gcs.metrics.ending import Unaccounted, VehicleEnding
 from gcs.metrics.journal import Journal, RunTotals
 from gcs.metrics.record import FlightRecord
-from gcs.mission.mission import MissionVehicle
+from gcs.mission.file import joined_mission
+from gcs.mission.mission import Mission, MissionVehicle
 from gcs.preflight.computer import ComputerFacts, computer_facts
 from gcs.preflight.findings import VehicleFacts
 from gcs.preflight.link_facts import CheckedLink, unreachable
@@ -140,6 +141,13 @@ class FlightTeam:
     def start_s(self) -> float | None:
         """The mission's start on the shared clock, once the agents agreed on it."""
         return next((each for agent in self.agents if (each := agent.start_s) is not None), None)
+
+    @property
+    def flown_mission(self) -> Mission:
+        """The mission, with a vehicle of another process that has joined its flight."""
+        mission = self.plan.mission
+        added = next((each for agent in self.agents if (each := agent.added) is not None), None)
+        return mission if added is None else joined_mission(mission, *added)
 
     def begin_vehicle(self, facts: VehicleFacts) -> None:
         """Record what is known of a vehicle before take-off, and its kind; nothing of one that is not received."""
@@ -318,6 +326,7 @@ class FlightTeam:
             kinds=self.kinds,
             views={member.vehicle.id: tuple(member.link.views) for member in self.members},
         )
+        self.journal.enlarge(self.flown_mission)
         return self.journal.record(start_s, max(flown_s, 0.0), totals)
 
     def _received_truth(self) -> tuple[TruthTrack, ...]:

@@ -11,6 +11,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from time import time
 
+from msgspec.structs import replace
+
 from agents.ports import VehicleRefusedError
 from agents.team.participant import Role
 from agents.team.verbs import VERBS
@@ -28,7 +30,7 @@ class RunKeys:
     """The keys of a team's vehicles, and of this user as operator, sensor, source of positions and observer.
 
     The vehicles share one certificate: a user who can read one vehicle's keys can read all of them, and a process needs
-    only one session for all its vehicles.
+    only one session for all its vehicles. They are those of a vehicle that is `added` to the flight as well.
     The keys are in use as long as a process holds a shared lock on their folder. A lock on the folder above serialises
     processes that create, look up and remove keys. Locks end with their processes: keys left by a killed process are
     replaced.
@@ -36,6 +38,7 @@ class RunKeys:
 
     team: str
     ids: tuple[int, ...]
+    added: int | None = None
 
     def identity(self, role: Role, name: str | None = None) -> Identity:
         """Return the identity of the vehicles, or of this user.
@@ -60,15 +63,20 @@ class RunKeys:
         """Return who is admitted to the bus of the flight on this computer, None if none runs; raises InputError."""
         with locked_runtime_folder() as runtime:
             folder = runtime / self.team
-            return KeyFolder(folder).holders() if _in_use(folder) else None
+            holders = KeyFolder(folder).holders() if _in_use(folder) else None
+        if holders is None or self.added is None:
+            return holders
+        return [replace(each, speaks_for=(*each.speaks_for, self.added)) if each.vehicles else each for each in holders]
 
     @contextmanager
-    def held(self) -> Iterator[None]:
-        """Hold the keys inside this context.
+    def held(self, *, joins: bool = False) -> Iterator[None]:
+        """Hold the keys inside this context, which makes them for a first process, unless it `joins` a flight.
 
         Raises InputError if the runtime directory cannot be used, VehicleRefusedError if a flight of other vehicles has
-        the team's name.
+        the team's name, or none runs that could be joined.
         """
+        if joins:
+            self.identity("vehicle")
         with locked_runtime_folder() as runtime:
             folder = runtime / self.team
             if _in_use(folder):

@@ -68,7 +68,9 @@ def team_keys(mission: Mission) -> TeamKeys:
         raise InputError(faults)
     security = mission.network.security
     if security is None:
-        return RunKeys(mission.network.team, mission.ids)
+        # The process of an added vehicle uses those of the flight that it joins.
+        ids = tuple(each for each in mission.ids if each != mission.added)
+        return RunKeys(mission.network.team, ids, mission.added)
     if security.keys is None:
         return NoKeys()
     return KeyFolder(mission.folder / security.keys)
@@ -79,7 +81,7 @@ def flight_keys(mission: Mission) -> Iterator[TeamKeys]:
     """Return the keys for a flight; keys of a run exist as long as this context. Raises InputError."""
     keys = team_keys(mission)
     if isinstance(keys, RunKeys):
-        with keys.held():
+        with keys.held(joins=mission.added is not None):
             yield keys
     else:
         yield keys

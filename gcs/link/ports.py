@@ -145,6 +145,16 @@ class Claims(ExitStack):
             if holder is not None
         ]
 
+    def show_added(self, mission: Mission) -> None:
+        """Let `added_text` find the mission of a vehicle that joins a flight, while this process flies it.
+
+        Raises InputError without a runtime directory, VehicleRefusedError if nothing can be written there.
+        """
+        with _claims_folder() as folder:
+            path = folder / _added_name(mission)
+            if self._take(path) is None:
+                path.write_text(mission.text)
+
     def _take(self, path: Path) -> int | None:
         """Claim a name; return the process that has it, None if it was free."""
         holder = _holder(path)
@@ -154,6 +164,31 @@ class Claims(ExitStack):
             os.write(claim, b"%d" % getpid())
             self.callback(_release, path, claim)
         return holder
+
+
+def _added_name(mission: Mission) -> str:
+    return f"added.{mission.network.team}.{'' if mission.identity is None else mission.identity.digest}"
+
+
+def added_text(mission: Mission) -> str | None:
+    """Return the text of a mission with the vehicle that has joined its flight from this computer, None if none has.
+
+    Raises InputError without a runtime directory, VehicleRefusedError if nothing can be written there.
+    """
+    with _claims_folder() as folder:
+        path = folder / _added_name(mission)
+        return path.read_text() if path.exists() and _is_held(path) else None
+
+
+def _is_held(path: Path) -> bool:
+    claim = os.open(path, os.O_RDWR)
+    try:
+        fcntl.flock(claim, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return True
+    finally:
+        os.close(claim)
+    return False
 
 
 def _opened(path: Path) -> int:

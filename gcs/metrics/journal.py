@@ -2,7 +2,7 @@
 
 from array import array
 from collections import defaultdict
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from math import cos, sin
 
@@ -242,6 +242,15 @@ class Journal:
         self._guard = GuardTally()
         self.event_log = EventLog()
         self.latest: dict[int, CoreStatus] = {}
+
+    @property
+    def received(self) -> Collection[int]:
+        """The vehicles of other processes that have been received."""
+        return self._received.keys()
+
+    def enlarge(self, mission: Mission) -> None:
+        """Take the mission with a vehicle that has joined the flight."""
+        self._mission = mission
 
     def new_events(self) -> list[FlightEvent]:
         """Return the events since the last call, on the team's clock."""

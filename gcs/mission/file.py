@@ -12,13 +12,16 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any, NamedTuple
 
+import tomli_w
+
 from agents.settings.sections import EncirclementSettings
-from agents.team.messages import MissionIdentity
+from agents.team.messages import AddedVehicle, MissionIdentity
 from agents.team.text import printable
 from estimation.input_file import TEXT_MAX_LENGTH, read_plain, toml_content
 from estimation.profile.profile import ProfileError, ProfileLibrary
 from estimation.settings import Settings
 from gcs.errors import InputError, KeyFault
+from gcs.mission.added_vehicle import added_faults, unable_faults
 from gcs.mission.cross_checks import LoadedVehicle, resolved
 from gcs.mission.excitation import excitation_faults, excited
 from gcs.mission.fault_lines import located, syntax_fault
@@ -33,7 +36,7 @@ from gcs.mission.mission import (
 )
 from gcs.mission.overrides import overridden, places
 from gcs.mission.rings import SeveralRings, several_rings
-from gcs.mission.sections import EXCITES, REQUIRED, SECTIONS, TUNED, TUNING, VEHICLES_MAX
+from gcs.mission.sections import ADDED, EXCITES, REQUIRED, SECTIONS, TUNED, TUNING, VEHICLES_MAX
 from gcs.mission.validation import shown, unknown_keys, validated
 
 _SECTIONS = ("frame", "formation", "encirclement", "safety", "failsafe", "target_filter", "target", "choreography")
@@ -172,8 +175,10 @@ def parse_mission(text: str, folder: Path | None, profile_texts: Mapping[str, st
         content = toml_content(text)
     except ValueError as error:  # also numbers beyond Python's limits
         raise MissionError([syntax_fault(error, text)]) from error
-    excites = content.pop(EXCITES, None)
+    excites, added = content.pop(EXCITES, None), content.pop(ADDED, None)
     mission = replace(_checked(content, text, ProfileLibrary(folder, profile_texts)), folder=folder or Path())
+    if added is not None:
+        mission = _added(mission, added)
     return mission if excites is None else _excited(mission, excites)
 
 
@@ -254,6 +259,47 @@ def _excited(mission: Mission, vehicle_id: object) -> Mission:
     if faults := list(excitation_faults(mission, vehicle)):
         raise MissionError(faults)
     return excited(mission, vehicle)
+
+
+def enlarged_mission(mission: Mission, vehicle: Mapping[str, object]) -> Mission:
+    """Return a mission with one more vehicle, which joins its flight; `vehicle` are the keys of its table.
+
+    Its text is the mission's with this table at the end, and `added` at the top; parsed again, it gives the same
+    mission. Its identity is that of the mission. Raises MissionError with every fault.
+    """
+    if faults := list(unable_faults(mission)):
+        raise MissionError(faults)
+    content = toml_content(mission.text)
+    table = {key: list(value) if isinstance(value, tuple) else value for key, value in vehicle.items()}
+    content["vehicles"].append({**table, "reserve": True})
+    text = tomli_w.dumps({ADDED: table["id"], **content})
+    return parse_mission(text, mission.folder, mission.profile_texts)
+
+
+_UNKNOWN = {"url": "udpin://127.0.0.1:1", "endpoint": "tcp/127.0.0.1:1"}
+"""Of an added vehicle, for those that only compare its motion with the mission."""
+
+
+def joined_mission(mission: Mission, vehicle_id: int, vehicle: AddedVehicle) -> Mission:
+    """Return a mission with a vehicle that has joined its flight, as far as the others know it.
+
+    It is the mission itself if the vehicle has joined one that takes no other here, as one of an earlier version.
+    """
+    table = _UNKNOWN | {"id": vehicle_id, "start_m": vehicle.start_m, "altitude_m": vehicle.altitude_m}
+    try:
+        return enlarged_mission(mission, {**table, "slot_m": vehicle.slot_m} if vehicle.slot_m else table)
+    except MissionError:
+        return mission
+
+
+def _added(mission: Mission, vehicle_id: object) -> Mission:
+    *others, last = mission.vehicles
+    if last.id != vehicle_id or not last.section.reserve:
+        raise MissionError([KeyFault(ADDED, f"{shown(vehicle_id)} is not the id of the last vehicle, in reserve")])
+    without = replace(mission, vehicles=tuple(others))
+    if faults := [*unable_faults(without), *added_faults(without, last)]:
+        raise MissionError(faults)
+    return replace(mission, added=last.id, identity=identified(without).identity)
 
 
 def _links(content: object, faults: list[KeyFault]) -> dict[str, SharedLinkSection]:

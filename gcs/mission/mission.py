@@ -526,7 +526,8 @@ class Mission:
     """A checked mission, with the text that it was read from.
 
     `identity` is compared between vehicles and operators (gcs/mission/file.py). `folder` is that of its file. A mission
-    that `excites` is the excitation flight of its only vehicle. `parse` makes a mission from text, folder and profile
+    that `excites` is the excitation flight of its only vehicle. The last vehicle is `added` if it is not in the mission
+    file and joins the flight; `identity` is that of the file. `parse` makes a mission from text, folder and profile
     texts.
 
     A mission of several targets has them all in `targets`, one of several rings those in `rings`; else these are empty.
@@ -556,6 +557,7 @@ class Mission:
     parse: "Callable[[str, Path | None, Mapping[str, str] | None], Mission]" = field(compare=False, repr=False)
     identity: MissionIdentity | None = field(default=None, compare=False)
     excites: bool = False
+    added: int | None = None
     folder: Path = field(default=Path(), compare=False)
     targets: tuple[TargetSection, ...] = ()
     rings: tuple[MissionRing, ...] = ()
@@ -684,6 +686,7 @@ class Mission:
             profile=vehicle.section.profile,
             targets=tuple(each.name for each in self.targets),
             reserves=self.reserves,
+            added=self.added,
             rings=tuple(
                 RingConfig(
                     each.name,

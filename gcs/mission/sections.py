@@ -37,6 +37,8 @@ from gcs.mission.mission import (
 
 EXCITES = "excite"
 """The top-level key that makes a mission the excitation flight of the vehicle of that id."""
+ADDED = "added"
+"""The top-level key with the id of the last vehicle, which is not in the mission file and joins its flight."""
 SECTIONS: dict[str, type[Settings]] = {
     "mission": MissionSection,
     "frame": FrameSection,

@@ -26,13 +26,14 @@ from agents.inputs import (
     TacticEvent,
     Tick,
     TimeScale,
+    VehicleJoins,
 )
 from agents.outputs import TickOutput
 from agents.ports import VehicleStatus
 from agents.recording import RecordedCore, replay_input
 from agents.settings.config import AgentConfig
 from agents.tactics import Event, Tactic
-from agents.team.messages import OperatorCommand
+from agents.team.messages import AddedVehicle, OperatorCommand
 from estimation.state import Sighting, Telemetry
 from gcs.flightlog.records import decision_of
 
@@ -76,6 +77,8 @@ def flown(core: VehicleCore) -> list[TickOutput]:
             core.take(Message(now_s, OperatorCommand(now_s, "formation", None, "tower", 9, "wedge")))
         if tick == 90:
             core.take(Presence(1, False))
+        if tick == 100:
+            core.take(VehicleJoins(4, AddedVehicle((0.0, -8.0), 8.0)))
         if tick == 120:
             core.take(TacticEvent(Event.END))
         outputs.append(core.tick(now_s))

@@ -197,6 +197,7 @@ class FakeBus:
 
     def __init__(self) -> None:
         self.published: list[tuple[str, bytes]] = []
+        self.admitted: list[int] = []
         self.deliver: Callable[[BusMessage], None] = lambda _message: None
         self.sense: Callable[[str, bytes], None] = lambda _topic, _payload: None
         self.appear: Callable[[int, bool], None] = lambda _vehicle_id, _present: None
@@ -208,6 +209,9 @@ class FakeBus:
         on_presence: Callable[[int, bool], None],
     ) -> None:
         self.deliver, self.sense, self.appear = on_message, on_sensor, on_presence
+
+    def admit(self, vehicle_id: int) -> None:
+        self.admitted.append(vehicle_id)
 
     def publish(self, topic: str, payload: bytes) -> None:
         self.published.append((topic, payload))

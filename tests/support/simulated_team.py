@@ -210,6 +210,9 @@ class MemberBus:
         self.on_message, self.on_presence = on_message, on_presence
         self._team.join(self)
 
+    def admit(self, vehicle_id: int) -> None:
+        pass
+
     def publish(self, topic: str, payload: bytes) -> None:
         if self.alive:
             self._team.send(self.vehicle_id, payload)

@@ -94,6 +94,10 @@ class FailingBus:
         else:
             receive(*received)
 
+    def admit(self, vehicle_id: int) -> None:
+        """Receive a vehicle that joins in flight."""
+        self._bus.admit(vehicle_id)
+
     def publish(self, topic: str, payload: bytes) -> None:
         """Send a message, falsified here if a fault requires it; losses happen at the receiver."""
         faults = self._present.now

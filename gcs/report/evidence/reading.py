@@ -1,7 +1,7 @@
 """Reads the logs of a flight: the record behind the metrics, and each vehicle's evidence."""
 
 from collections import defaultdict
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
@@ -12,7 +12,7 @@ import numpy as np
 
 from agents.drops import Drops
 from agents.flight_end import FlightEnd, LastPosition
-from agents.inputs import AutopilotStatus, Command, LateTicks, Start
+from agents.inputs import AutopilotStatus, Command, LateTicks, Start, VehicleJoins
 from agents.team.messages import BusMessage, CameraView, CommandAnswer, MemberState, NeighbourAngle, OperatorCommand
 from estimation.state import MOTION, Telemetry, Vector
 from gcs.flightlog.container import LogError
@@ -23,6 +23,7 @@ from gcs.flightlog.schema import plain_message
 from gcs.metrics.ending import Unaccounted, VehicleEnding
 from gcs.metrics.journal import Journal, RunTotals
 from gcs.metrics.record import injected_faults
+from gcs.mission.file import joined_mission
 from gcs.mission.mission import Mission
 from gcs.report.evidence.flight import EstimateSeries, FlightEvidence, LoopTiming, Reception, VehicleEvidence
 from sitl.server.server import TruthTrack
@@ -43,9 +44,10 @@ class LoggedFlight:
 def read_flight(logs: Sequence[FlightLog]) -> LoggedFlight:
     """Merge the logs of a flight's processes; raises LogError when they are not of one flight."""
     _require_one_flight(logs)
-    mission = mission_of(logs[0])
-    journal = Journal(mission)
+    journal = Journal(mission_of(logs[0]))
     vehicles = [_VehicleReader(log, vehicle_id, journal) for log in logs for vehicle_id in log.run.vehicles]
+    mission = _joined(mission_of(logs[0]), logs, journal.received)
+    journal.enlarge(mission)
     starts_s = [each.start_s for each in vehicles if each.start_s is not None]
     if not starts_s:
         raise LogError([f"{log.path}: the mission did not start: there is nothing to report" for log in logs])
@@ -73,6 +75,15 @@ def read_flight(logs: Sequence[FlightLog]) -> LoggedFlight:
     is_damaged = any(log.is_damaged for log in logs)
     facts = _facts(logs, mission, vehicles)
     return LoggedFlight(mission, FlightEvidence(record, known, facts, _names(logs), speed=speed), is_damaged)
+
+
+def _joined(mission: Mission, logs: Sequence[FlightLog], received: Collection[int]) -> Mission:
+    """Return a mission with the vehicle that has joined its flight, by what the others recorded of it."""
+    records = (each for log in logs for records in log.vehicles.values() for each in records)
+    for added in [each.read(VehicleJoins) for each in records if each.kind is VehicleJoins]:
+        if added.vehicle_id in received:
+            return joined_mission(mission, added.vehicle_id, added.vehicle)
+    return mission
 
 
 def _require_one_flight(logs: Sequence[FlightLog]) -> None:

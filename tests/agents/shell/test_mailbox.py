@@ -115,7 +115,7 @@ def test_operators_without_number_do_not_displace_one_that_is_known() -> None:
 def test_presence_is_of_members_and_the_newest_counts() -> None:
     mailbox = Mailbox((1,), MEMBERS, 100.0)
     assert mailbox.put_presence("2", True)
-    for name in ("9", "x", "02", "２"):
+    for name in ("x", "02", "２", "255"):
         assert not mailbox.put_presence(name, True)
     assert not mailbox.put_presence("3", True)
     assert not mailbox.put_presence("3", False)
@@ -187,3 +187,29 @@ def test_heads_of_audit_logs_wait_apart_and_seldom() -> None:
     for _ in range(100):
         put(mailbox, "head/2")
     assert mailbox.drops.too_many > 80
+
+
+def test_a_vehicle_outside_the_team_only_announces_itself_until_it_is_admitted() -> None:
+    mailbox = Mailbox((1,), MEMBERS, 100.0)
+    assert not mailbox.put_presence("9", True)
+    assert put(mailbox, "start/9")
+    for key in ("member/9", "answer/9", "head/9", "start/255", "start/09", "start/x"):
+        assert not mailbox.put(key, 1, unread, 100.0)
+    assert mailbox.take() == ({}, [("start/9", b"x")])
+    assert mailbox.drops == Drops(not_a_member=6)
+    mailbox.admit(9)
+    assert put(mailbox, "member/9") is False, "the presence has asked for a call"
+    assert mailbox.take() == ({9: True}, [("member/9", b"x")])
+    assert mailbox.put_presence("9", False)
+
+
+def test_those_that_announce_themselves_are_bounded_in_number_and_rate() -> None:
+    mailbox = Mailbox((1,), MEMBERS, 100.0)
+    kept = sum(put(mailbox, f"start/{number}", now_s=100.0) for number in range(9, 200))
+    assert kept == 1
+    assert len(mailbox.take()[1]) <= 10
+    taken = sum(len([put(mailbox, "start/9", now_s=101.0 + k * 1e-3), *mailbox.take()[1]]) - 1 for k in range(1000))
+    assert taken <= 150
+    for number in range(9, 100):
+        mailbox.put_presence(str(number), True)
+    assert len(mailbox._present_strangers) == 32

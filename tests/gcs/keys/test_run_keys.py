@@ -171,3 +171,21 @@ def test_where_another_user_has_made_it_they_are_below_the_home(
 def test_a_directory_that_is_removed_in_flight_ends_nothing(runtime: Path) -> None:
     with KEYS.held():
         subprocess.run(["rm", "-r", str(runtime)], check=True)
+
+
+def test_one_that_joins_a_flight_makes_none_and_speaks_for_the_vehicle_it_adds(runtime: Path) -> None:
+    joining = RunKeys("team", (1, 2), added=4)
+    with pytest.raises(VehicleRefusedError, match="no flight of team team runs"), joining.held(joins=True):
+        pass
+    assert not (runtime / "team").exists()
+    with flight():
+        before = authority()
+        with joining.held(joins=True):
+            assert authority() == before
+            assert [each.vehicle_ids for each in joining.flying((4,))] == [(4,)]
+            holders = joining.holders()
+            assert holders is not None
+            assert {name for each in holders for name in each.vehicles} == {"1", "2", "4"}
+        other = RunKeys("team", (1, 3), added=4)
+        with pytest.raises(VehicleRefusedError, match="without 3"), other.held(joins=True):
+            pass

@@ -27,6 +27,7 @@ from agents.inputs import (
     TacticEvent,
     Tick,
     TimeScale,
+    VehicleJoins,
 )
 from agents.ports import FlightMode, VehicleStatus
 from agents.situation.situation import Situation
@@ -34,6 +35,7 @@ from agents.situation.task import Task
 from agents.tactics import Event, Tactic
 from agents.team.codec import decode, encode
 from agents.team.messages import (
+    AddedVehicle,
     CommandAnswer,
     MemberState,
     NeighbourAngle,
@@ -367,6 +369,7 @@ ITEMS: dict[CoreInput, tuple[str, ...]] = {
     Command(101.0, OperatorCommand(100.5, "formation", None, "ground", 7, "wedge")): ("formation wedge",),
     Killed(101.0, "it flies on"): ("motors", "it flies on"),
     Rejoined(101.0, "its battery is at 3 %"): ("its battery is at 3 %",),
+    VehicleJoins(4, AddedVehicle((0.0, -8.0), 8.0)): ("vehicle 4 would join", "(0.00, -8.00) m"),
     Presence(3, present=False): ("vehicle 3",),
     Lying(3, (1.0, 2.0)): ("vehicle 3", "(1.00, 2.00) m"),
     Tick(101.0): ("tick", "1.000 s"),

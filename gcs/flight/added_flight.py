@@ -1,0 +1,92 @@
+"""The flight of a vehicle that is not in the mission file, and joins its team in the air (`cordon rejoin --add`)."""
+
+import asyncio
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from random import randrange
+from time import monotonic
+
+from agents.ports import VehicleRefusedError
+from agents.shell.outcome import Outcome
+from agents.team.messages import AddedAnswer, AddedVehicle, OperatorCommand
+from agents.team.participant import name_from
+from gcs.flight.member_flights import MemberFlights, flown
+from gcs.flight.team import FlightTeam, Member
+from gcs.flight.watch import FindingsReport
+from gcs.keys.identity import user_name
+from gcs.link.ports import Claims
+from gcs.metrics.ending import named
+
+ANSWERED_WITHIN_S = 15.0
+"""How long answers to its introduction are waited for [wall s]."""
+_LOOKED_FOR_S = 2.0
+"""How long it receives the states of those in the air, which send at least one a second, before it takes off [s]."""
+_PERIOD_S = 0.1
+_DURATION_MAX_S = 86400.0
+_CORRECT = "correct this, then add it again; the team flies on"
+
+
+class AddedFlight:
+    """Flies the only vehicle of a process, which the mission adds, with the others, until it is down.
+
+    It takes off once every other vehicle of the mission has answered that it knows it: these keep apart from it then.
+    """
+
+    def __init__(self, team: FlightTeam, report: FindingsReport) -> None:
+        """Take the team of the process; `report` receives the findings about the vehicle before its take-off."""
+        self._team = team
+        self._report = report
+
+    async def fly(self) -> Sequence[Outcome]:
+        """Fly; returns its outcome. Raises VehicleRefusedError if it must not take off."""
+        [member] = self._team.members
+        agent, section = member.agent, member.vehicle.section
+        agent.stand_by(_DURATION_MAX_S)
+        answers = agent.introduce(AddedVehicle(section.start_m, section.altitude_m, section.slot_m or ()))
+        duration_s = await self._answered(member, answers)
+        team = replace(self._team, plan=replace(self._team.plan, duration_s=duration_s))
+        with Claims() as claims:
+            claims.show_added(team.plan.mission)
+            await team.clock.sleep(_LOOKED_FOR_S)
+            self._order(member)
+            if refusal := await MemberFlights(team, self._report).refusal(member):
+                agent.stay(refusal)
+                raise _refused(member, refusal)
+            return [await flown(team, member, agent.fly_again(duration_s, team.stop))]
+
+    async def _answered(self, member: Member, answers: Mapping[int, AddedAnswer]) -> float:
+        """Wait until all the others know the vehicle; return how long their mission lasts [s]."""
+        plan, end_s = self._team.plan, monotonic() + ANSWERED_WITHIN_S
+        asked = {*plan.mission.ids} - {member.vehicle.id, *plan.off_bus}
+        while not self._team.stop.wanted.is_set():
+            for sender, answer in sorted(answers.items()):
+                if answer.refusal:
+                    raise _refused(member, f"vehicle {sender}: {answer.refusal}")
+            if asked <= answers.keys():
+                return min(answer.duration_s for answer in answers.values())
+            if reason := member.agent.start_refusal:
+                raise _refused(member, reason)
+            if monotonic() > end_s:
+                missing = sorted(asked - answers.keys())
+                raise VehicleRefusedError(
+                    f"vehicle {member.vehicle.id} stays on the ground: {named(missing)}: no answer within "
+                    f"{ANSWERED_WITHIN_S:g} s, and what does not know it does not keep apart from it",
+                    "check that the team flies this mission, and that the keys of this vehicle were in its roster when "
+                    "it took off; one that is down and off the bus is left out by --off-bus ID",
+                )
+            await asyncio.sleep(_PERIOD_S)
+        raise VehicleRefusedError("the operator ended the flight before take-off", "")
+
+    def _order(self, member: Member) -> None:
+        """Order it to take off as `cordon rejoin` does; raises VehicleRefusedError if its core refuses."""
+        agent, clock = member.agent, self._team.clock
+        agent.look()
+        command = OperatorCommand(clock.now_s(), "rejoin", member.vehicle.id, name_from(user_name()), randrange(2**32))
+        agent.obey(command)
+        if not agent.rejoining.is_set():
+            answer = agent.answer(command.key)
+            raise _refused(member, "" if answer is None else answer.did)
+
+
+def _refused(member: Member, reason: str) -> VehicleRefusedError:
+    return VehicleRefusedError(f"vehicle {member.vehicle.id} stays on the ground: {reason}", _CORRECT)

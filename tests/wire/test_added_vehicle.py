@@ -1,0 +1,121 @@
+"""A vehicle that is not in the mission file joins a team in flight: `cordon rejoin --add`.
+
+The vehicles are stubs of this process, on a governed clock, with plants that differ from their profiles.
+"""
+
+import asyncio
+import json
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from gcs.flightlog.reader import read_log
+from gcs.report.evidence.reading import read_flight
+from tests.support.served_team import UNLIKE, Team, team_of
+from tests.support.swaps import NEAR_TARGET, SETTLING_S, RingTruth, Tracks
+from tests.support.wire import PATIENCE_S, at_speed, hurried, running, until
+
+pytestmark = pytest.mark.wire
+THREE, FOUR = (1, 2, 3), (1, 2, 3, 4)
+FOURTH = """
+
+[[vehicles]]
+id = 4
+url = "udpin://127.0.0.1:14543"
+endpoint = "tcp/127.0.0.1:7464"
+start_m = [0.0, -8.0]
+true_scale = { a0 = 0.9, a1 = 1.12 }
+reserve = true
+"""
+"""What the test serves, and the team's mission file does not have."""
+LASTS_S = 170.0
+LASTING = ("duration_s = 600.0", f"duration_s = {LASTS_S}")
+
+
+def of_three(path_of_four: str) -> str:
+    """Write the mission of the team, without the vehicle that joins it; return its path."""
+    text = Path(path_of_four).read_text(encoding="utf-8")
+    path = Path(path_of_four).with_name("three.toml")
+    path.write_text(text.partition("[[vehicles]]\nid = 4")[0], encoding="utf-8")
+    return str(path)
+
+
+def addition(team: Team) -> tuple[str, ...]:
+    """Return the command that adds vehicle 4 to a team, without the mission."""
+    section = team.mission.vehicle(4).section
+    return ("rejoin", "4", "--add", "--start", "0,-8", "--url", section.url, "--endpoint", section.endpoint)
+
+
+async def commanded(team: Team, mission: str, *command: str) -> tuple[int | None, str]:
+    """Return exit code and words of a command while the time of the team is the wall's."""
+    with at_speed(team.clock, 1.0):
+        async with running(*command, "--mission", mission) as process:
+            _, err = await process.communicate()
+    assert "Traceback" not in err.decode(), err.decode()
+    return process.returncode, " ".join(err.decode().split())
+
+
+@pytest.mark.long
+async def test_a_vehicle_that_is_not_in_the_file_joins_the_ring(
+    mission_file: Callable[..., str], tmp_path: Path
+) -> None:
+    """All four end evenly spaced, and land where they started; the logs of both processes are replayed bit for bit."""
+    last = "start_m = [0.0, -4.0]\n"
+    path = mission_file("case2", (last, f"{last}{FOURTH}"), *UNLIKE, *NEAR_TARGET, LASTING)
+    mission, log, its_log = of_three(path), tmp_path / "team.mcap", tmp_path / "joined.mcap"
+    async with team_of(path) as team:
+        code, said = await commanded(team, mission, *addition(team))
+        assert (code, "no flight of team" in said) == (3, True), said
+    async with (
+        team_of(path) as team,
+        asyncio.timeout(3.0 * PATIENCE_S),
+        team.watched(),
+        running("fly", mission, "--log", str(log), "--json") as flight,
+    ):
+        tracks = Tracks(team)
+        recording = asyncio.create_task(tracks.record())
+        await until(lambda: any(each.armed for each in team.vehicles.values()), waiting_for="a take-off")
+        with hurried(team.clock):
+            await team.clock.sleep(20.0 + SETTLING_S)
+        code, said = await commanded(team, mission, *addition(team), "--set", "encirclement.radius_m=8")
+        assert (code, "flies another mission" in said) == (3, True), said
+        with at_speed(team.clock, 1.0):
+            async with running(*addition(team), "--mission", mission, "--log", str(its_log)) as joined:
+                flies = lambda: team.vehicles[4].armed or joined.returncode is not None  # noqa: E731
+                armed_s = await until(flies, 60.0, "its take-off", clock=team.clock)
+                if joined.returncode is not None:
+                    raise AssertionError((await joined.communicate())[1].decode())
+                code, said = await commanded(team, mission, "command", "hold", "--vehicle", "4")
+                assert (code, "vehicle 4" in said) == (0, True), said
+                code, said = await commanded(team, mission, "command", "resume", "--vehicle", "4")
+                assert code == 0, said
+                with hurried(team.clock):
+                    await until(lambda: not team.aloft, 400.0, "all landings", clock=team.clock)
+                _, its_err = (each.decode() for each in await joined.communicate())
+        out, err = (each.decode() for each in await flight.communicate())
+        recording.cancel()
+    codes = [process.returncode for process in (joined, flight)]
+    assert codes == [0, 0], f"{its_err}\n{err}"
+    ring = RingTruth(team, log, tracks.samples)
+    ends_s = ring.start_s + LASTS_S
+    before, after = ring.figures(THREE, armed_s - 5.0, armed_s), ring.figures(FOUR, ends_s - 10.0, ends_s)
+    even_s = ring.even_after_s(FOUR, armed_s, ends_s)
+    print(f"MEASURED before: {before}\nafter: {after}\neven {even_s:.1f} s after its take-off")
+    print(f"least distance {team.least_m:.2f} m, level {team.least_level_m:.2f} m")
+    for each in (before, after):
+        assert each.radius_off_m < 0.3
+        assert each.spacing_off_deg < 3.0
+    assert team.least_level_m >= team.mission.safety.separation_m
+    assert tracks.least_m(until_s=ends_s) >= team.mission.safety.separation_m
+    assert all(team.off_start_m(i) < 1.0 for i in FOUR)
+    assert "vehicle 4, which is not in the mission file, is added" in err
+    verdicts = json.loads(out)["verdicts"]
+    assert (verdicts["C3"], verdicts["separation"]) == (True, True), "the spacing of four is judged, not of three"
+    reported = read_flight([read_log(log)])
+    assert [each.vehicle_id for each in reported.evidence.record.vehicles] == [*FOUR]
+    for each_log in (log, its_log):
+        async with running("replay", str(each_log)) as replay:
+            replayed = b"".join(await replay.communicate()).decode()
+            assert replay.returncode == 0, replayed
+            assert "compared bit for bit" in replayed
