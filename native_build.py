@@ -1,6 +1,6 @@
 """Compile the floors of the tick with mypyc: the same sources, at installation.
 
-`python native_build.py DIRECTORY` puts a compiled copy of `agents` and `estimation` into a directory; `hatch_build.py`
+`python native_build.py DIRECTORY` puts a compiled copy of `agents`, `estimation` and `sitl` into a directory; `hatch_build.py`
 puts the compiled modules into a wheel. A source tree never holds compiled modules, so none is older than its source.
 
 The copy is compiled as it is. mypyc makes native classes, whose attributes are machine numbers, from plain classes, not
@@ -18,7 +18,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-PACKAGES = ("agents", "estimation")
+PACKAGES = ("agents", "estimation", "sitl")
 COMPILED = (
     "agents/broadcast.py",
     "agents/control",
@@ -30,12 +30,17 @@ COMPILED = (
     "agents/situation",
     "agents/team/clock_watch.py",
     "agents/team/consistency_check.py",
+    "agents/team/inbox.py",
     "agents/team/ring_members.py",
     "agents/team/send_rate.py",
     "agents/team/team.py",
     "estimation/filters",
+    "estimation/plant/watch.py",
     "estimation/polar.py",
     "estimation/vectors.py",
+    "sitl/simulation",
+    "sitl/vehicle",
+    "sitl/world.py",
 )
 """What is compiled: whole folders, and single files."""
 INTERPRETED = ("agents/control/plan.py", "agents/situation/task.py")
