@@ -1,7 +1,8 @@
 """Compile the floors of the tick with mypyc: the same sources, at installation.
 
-`python native_build.py DIRECTORY` puts a compiled copy of `agents`, `estimation` and `sitl` into a directory; `hatch_build.py`
-puts the compiled modules into a wheel. A source tree never holds compiled modules, so none is older than its source.
+`python native_build.py DIRECTORY` puts a compiled copy of `agents`, `estimation` and `sitl` into a directory;
+`hatch_build.py` puts the compiled modules into a wheel. A source tree never holds compiled modules, so none is older
+than its source.
 
 The copy is compiled as it is. mypyc makes native classes, whose attributes are machine numbers, from plain classes, not
 from structs of msgspec. So what a tick makes and reads most is a plain class in the source, with attributes that are

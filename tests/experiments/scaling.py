@@ -16,6 +16,7 @@ import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
+from gcs.garbage import collect_rarely
 from gcs.mission.mission import Mission
 from gcs.style import COLOURS, INK, drawing
 from sitl.simulation.simulation import NetworkModel
@@ -129,6 +130,7 @@ def main() -> int:
     )
     reader.add_argument("--plot", type=Path, help="figure to draw, such as docs/scaling.png")
     arguments = reader.parse_args()
+    collect_rarely()  # as `cordon sim` does
     costs = cheapest(arguments.counts, arguments.rounds)
     print(table(costs))
     if arguments.plot is not None:
