@@ -71,9 +71,7 @@ def measured(count: int) -> Cost:
         began_s = process_time()
 
     with patch("sitl.simulation.simulation.perf_counter", process_time):
-        flight = observed(
-            mission, 0, duration_s=DURATION_S, network=NetworkModel(mission.network.range_m), progress=progress
-        )
+        flight = observed(mission, 0, duration_s=DURATION_S, network=NetworkModel(mission.range_m), progress=progress)
     settled = flight.time_s > SETTLED_S
     core_us = float(flight.tick_us[settled].mean())
     whole_us = float(np.array(ticks_s)[settled].mean()) * 1e6 / count
