@@ -1,7 +1,8 @@
 """Compile the floors of the tick with mypyc: the same sources, at installation.
 
-`python native_build.py DIRECTORY` puts a compiled copy of `agents` and `estimation` into a directory; `hatch_build.py`
-puts the compiled modules into a wheel. A source tree never holds compiled modules, so none is older than its source.
+`python native_build.py DIRECTORY` puts a compiled copy of `agents`, `estimation` and `sitl` into a directory;
+`hatch_build.py` puts the compiled modules into a wheel. A source tree never holds compiled modules, so none is older
+than its source.
 
 The copy is compiled as it is. mypyc makes native classes, whose attributes are machine numbers, from plain classes, not
 from structs of msgspec. So what a tick makes and reads most is a plain class in the source, with attributes that are
@@ -18,7 +19,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-PACKAGES = ("agents", "estimation")
+PACKAGES = ("agents", "estimation", "sitl")
 COMPILED = (
     "agents/broadcast.py",
     "agents/control",
@@ -30,12 +31,17 @@ COMPILED = (
     "agents/situation",
     "agents/team/clock_watch.py",
     "agents/team/consistency_check.py",
+    "agents/team/inbox.py",
     "agents/team/ring_members.py",
     "agents/team/send_rate.py",
     "agents/team/team.py",
     "estimation/filters",
+    "estimation/plant/watch.py",
     "estimation/polar.py",
     "estimation/vectors.py",
+    "sitl/simulation",
+    "sitl/vehicle",
+    "sitl/world.py",
 )
 """What is compiled: whole folders, and single files."""
 INTERPRETED = ("agents/control/plan.py", "agents/situation/task.py")

@@ -27,9 +27,9 @@ from agents.team.messages import (
 )
 from agents.team.send_rate import SendRate
 from agents.team.team import Team
-from estimation.frames import wrap_signed_rad
 from estimation.polar import Polar
 from estimation.state import MOTION, POSITION, Sighting
+from estimation.vectors import wrap_signed_rad
 
 
 class StateBroadcast:

@@ -13,16 +13,17 @@ lag of its own.
 """
 
 from math import atan2, hypot
+from typing import Final
 
 from agents.settings.config import AgentConfig
 from agents.situation.situation import Situation
 from estimation.vectors import Pair
 
-POINTINGS_HZ = 5.0
+POINTINGS_HZ: Final = 5.0
 """How often a direction is sent: a tenth of what a telemetry radio carries goes to the gimbals of three vehicles."""
-EARLY_SHARE = 0.25
+EARLY_SHARE: Final = 0.25
 """Share of a tick by which a direction may be early: tick times vary."""
-OVERHEAD_M = 0.5
+OVERHEAD_M: Final = 0.5
 """Nearer than this to the point above the target the bearing stays as it was: it would turn by half a circle."""
 
 

@@ -17,7 +17,7 @@ one is reached. On an inclined ring it follows the bearing, and the climb rate i
 """
 
 from math import atan2, hypot, radians
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final
 
 from agents.control.aims import shifted, towards
 from agents.control.encirclement import aim_for_acceleration
@@ -27,12 +27,11 @@ from agents.safety.guard import Guarded, GuardStatus
 from agents.settings.config import AgentConfig
 from agents.situation.situation import Situation
 from agents.tactics import Tactic
-from estimation.frames import wrap_signed_rad
 from estimation.plant.model import Plant
 from estimation.polar import Polar
 from estimation.settings import TargetFilterSettings
 from estimation.state import POSITION, VELOCITY, Sighting, Vector
-from estimation.vectors import Pair, clipped_pair
+from estimation.vectors import Pair, clipped_pair, wrap_signed_rad
 
 if TYPE_CHECKING:
     from estimation.filters.target_altitude import TargetAltitude
@@ -42,7 +41,7 @@ STAYS = (Tactic.HOLD, Tactic.ASIDE)
 """The tactics of a vehicle that keeps its place."""
 
 
-_LAG_S = 1.0
+_LAG_S: Final = 1.0
 """Autopilots follow a climb this much later if no rate is fed forward: 1 / MPC_Z_P, 1 / PSC_POSZ_P."""
 
 
@@ -131,7 +130,7 @@ def _target_altitude(settings: TargetFilterSettings) -> "TargetAltitude":
     return TargetAltitude(settings)
 
 
-_REACHED = 0.5
+_REACHED: Final = 0.5
 """The prediction time of the velocity, in time constants 1 / a1."""
 _STILL = (0.0, 0.0)
 
@@ -204,11 +203,12 @@ class SlewLimit:
         self._sent_m = aim_m
 
 
-STRAYS_M_S, RETURNS_M_S = 0.6, 0.3
+STRAYS_M_S: Final = 0.6
+RETURNS_M_S: Final = 0.3
 """A vehicle whose velocity differs from the formation's by more than the larger one has left the line, until the
 difference is below the smaller one.
 """
-SURE_SIGMAS = 2.0
+SURE_SIGMAS: Final = 2.0
 """The direction to the target is used if its distance is more than this many standard deviations of its position."""
 
 

@@ -1,4 +1,4 @@
-"""All conversions of frames - geodetic, mission frame, a vehicle's local NED - and angle wrapping.
+"""All conversions of frames - geodetic, mission frame, a vehicle's local NED.
 
 The mission frame is tangent to the ellipsoid at the mission origin: x along a stated bearing, z up, y completing the
 right-handed system. A vehicle's local NED is parallel to north-east-down at the mission origin, shifted to that
@@ -9,7 +9,7 @@ vehicles' NED, and the positions of their origins in it have to be given.
 
 from dataclasses import dataclass
 from functools import cached_property
-from math import cos, isfinite, remainder, sin, tau
+from math import cos, isfinite, sin
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -19,11 +19,6 @@ if TYPE_CHECKING:
     import pyproj
 
 Triple = tuple[float, float, float]
-
-
-def wrap_signed_rad(angle_rad: float) -> float:
-    """Wrap an angle to [-pi, pi]."""
-    return remainder(angle_rad, tau)
 
 
 def up_from_ned(ned: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -29,20 +29,24 @@ def polar_from_motion(motion: Vector, target: Vector) -> Polar:
 
     At the centre, bearing and angular rate are 0.
     """
-    return polar_of(*(motion - target).tolist())
+    x, y, x_rate, y_rate = motion.tolist()
+    target_x, target_y, target_x_rate, target_y_rate = target.tolist()
+    return polar_of(x - target_x, y - target_y, x_rate - target_x_rate, y_rate - target_y_rate)
 
 
 def polar_of(x: float, y: float, x_rate: float, y_rate: float) -> Polar:
     """Return the polar state of a motion relative to the target - (6), (7)."""
     radius = hypot(x, y)
-    if radius**2 == 0.0:
+    squared = radius**2
+    if squared == 0.0:
         return Polar(0.0, 0.0, hypot(x_rate, y_rate), 0.0)
-    return Polar(
-        radius,
-        atan2(y, x),
-        (x * x_rate + y * y_rate) / radius,
-        (x * y_rate - y * x_rate) / radius**2,
-    )
+    return Polar(radius, atan2(y, x), (x * x_rate + y * y_rate) / radius, (x * y_rate - y * x_rate) / squared)
+
+
+def angular_rate_of(x: float, y: float, x_rate: float, y_rate: float) -> float:
+    """Return the angular rate of `polar_of` alone."""
+    squared = hypot(x, y) ** 2
+    return 0.0 if squared == 0.0 else (x * y_rate - y * x_rate) / squared
 
 
 def motion_from_polar(polar: Polar, target: Vector) -> Vector:

@@ -25,9 +25,9 @@ from gcs.mission.file import load_mission
 from sitl.simulation.simulation import NetworkModel, simulate
 
 assert [module.__file__.endswith(".py") for module in (own, encirclement)] == [sys.argv[1] == "sources"] * 2
-for name, duration_s in (("crossing", 20.0), ("case2-wander", 20.0), ("mixed-team", 20.0)):
+for name, duration_s in (("crossing", 20.0), ("case2-wander", 20.0), ("mixed-team", 20.0), ("shaped-trio", 20.0)):
     mission = load_mission(name)
-    network = NetworkModel(mission.network.range_m, mission.network.delay_s, mission.network.loss)
+    network = NetworkModel(mission.range_m, mission.network.delay_s, mission.network.loss)
     flown = simulate(
         simulated_vehicles(mission, 0), network, rate_hz=mission.mission.rate_hz, duration_s=duration_s, seed=0,
         inputs=INPUTS,

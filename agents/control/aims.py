@@ -1,5 +1,7 @@
 """Plans made from aims, and how plans are shifted and mixed."""
 
+from math import hypot
+
 import numpy as np
 
 from agents.control.formation import Predecessor
@@ -8,7 +10,7 @@ from agents.situation.situation import Situation
 from agents.team.messages import MemberState
 from estimation.plant.model import Plant
 from estimation.state import POSITION, Vector
-from estimation.vectors import Pair, clipped
+from estimation.vectors import Pair
 
 
 def shifted(plan: Plan, aim_m: Vector) -> Plan:
@@ -21,9 +23,10 @@ def shifted(plan: Plan, aim_m: Vector) -> Plan:
 
 def towards(goal_m: Vector, position_m: Vector, at_most_m: float) -> Vector:
     """Return the goal (2,), or the point towards it that is `at_most_m` from a position (2,)."""
-    way = goal_m - position_m
-    reached = clipped(way, at_most_m)
-    return goal_m if reached is way else position_m + reached
+    x, y = goal_m.tolist()
+    from_x, from_y = position_m.tolist()
+    away_m = hypot(x - from_x, y - from_y)
+    return goal_m if away_m <= at_most_m else position_m + (goal_m - position_m) * (at_most_m / away_m)
 
 
 def along(situation: Situation, place_m: Pair, plant: Plant, speed_m_s: float, ring: RingReport | None = None) -> Plan:

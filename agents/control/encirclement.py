@@ -12,8 +12,8 @@ from typing import Final
 
 import numpy as np
 
-from agents.control.lmpc import Bounds, Lmpc, QpStatus
-from agents.control.lmpc_cost import RING_CONSTRAINED, ring_programme
+from agents.control.lmpc import Bounds, Lmpc, QpStatus, StateBound
+from agents.control.lmpc_cost import ring_programme
 from agents.ring.bent_ring import RingBend
 from agents.ring.commanded_ring import Orbit
 from agents.ring.detour import Obstacle, bend_m, bent_ring_m
@@ -21,11 +21,10 @@ from agents.ring.place import Neighbours
 from agents.ring.reference import RingPoint, across_m_s
 from agents.settings.config import AgentConfig
 from agents.settings.sections import EncirclementSettings
-from estimation.frames import wrap_signed_rad
 from estimation.plant.model import Plant
 from estimation.polar import Polar, motion_from_polar, polar_from_motion
 from estimation.state import VELOCITY, Vector
-from estimation.vectors import Pair
+from estimation.vectors import Pair, wrap_signed_rad
 
 
 def aim_for(motion: Vector, polar: Polar, acceleration: Pair, disturbance_m_s2: Vector, plant: Plant) -> Vector:
@@ -57,13 +56,13 @@ def undisturbed_m(aim_m: Vector, disturbance_m_s2: Vector, plant: Plant) -> Vect
     return np.array((x + w_x / plant.x.a0_per_s2, y + w_y / plant.y.a0_per_s2))
 
 
-_APPROACH_GAIN_PER_S = 0.5
-_FREE = 1e20
-_FULL_AFTER_S = 0.5
+_APPROACH_GAIN_PER_S: Final = 0.5
+_FREE: Final = 1e20
+_FULL_AFTER_S: Final = 0.5
 """How long the acceleration takes from zero to its bound at least. The own filter takes what a vehicle's own bound on
 jerk withholds for a disturbance, and its compensation then keeps up a swing about the ring (docs/notes/control.md).
 """
-_SLACK_WEIGHT = 100.0
+_SLACK_WEIGHT: Final = 100.0
 """Exceeding a bound by 1 m or 1 m/s costs as much as a radius error of 10 m."""
 
 
@@ -73,6 +72,10 @@ class Approach(Enum):
     ORBIT = "orbit"
     OUTWARD = "outward"
     INWARD = "inward"
+
+
+_ORBIT: Final = Approach.ORBIT
+"""Looked up once: in Python 3.11 a member of an enumeration takes 0.2 us."""
 
 
 class RingTask:
@@ -124,24 +127,20 @@ class EncirclementPlanner:
     """Plans one vehicle's flight around the target; its only state is the last polar acceleration."""
 
     def __init__(self, config: AgentConfig) -> None:
+        ring = config.encirclement
         self._plant = config.plant
-        self._settings = config.encirclement
-        self._clearance_m = config.clearance_rad * config.encirclement.radius_m
-        self._lmpc = Lmpc(ring_programme(self._settings), _SLACK_WEIGHT)
-        samples = np.arange(1, self._settings.horizon + 1, dtype=np.float64)
-        self._times_s: Vector = self._settings.prediction_step_s * samples
-        self._reference_gain = _reference_gain(self._settings, self._times_s)
-        self._take(Orbit(self._settings.radius_m, self._settings.angular_rate_rad_s))
-        # The bounds of a plan, which are set before each.
-        self._pushes = np.empty((self._settings.control_horizon, 2, 2))  # least and most, radial and along the ring
-        self._limits = np.empty((2, self._settings.horizon, len(RING_CONSTRAINED)))
-        moves_s = 1.0 / config.rate_hz + self._settings.prediction_step_s * np.arange(self._settings.control_horizon)
-        jerk_m_s3 = self._settings.acceleration_max_m_s2 / _FULL_AFTER_S
-        # In plain numbers: arrays of two cost five times as much a tick.
-        self._moves = [(*bounds, jerk_m_s3 * at_s) for bounds, at_s in zip(self._pushes, moves_s.tolist(), strict=True)]
-        self._bearings_min, self._bearings_max = self._limits[..., 0]
-        # Of the speed, radial and along the ring.
-        self._speeds = [(bounds[0], bounds[1]) for bounds in np.moveaxis(self._limits[..., 1:], -1, 0)]
+        self._settings = ring
+        self._clearance_m = config.clearance_rad * ring.radius_m
+        self._lmpc = Lmpc(ring_programme(ring), ring.prediction_step_s, _SLACK_WEIGHT)
+        samples = np.arange(1, ring.horizon + 1, dtype=np.float64)
+        self._times_s: Vector = ring.prediction_step_s * samples
+        self._reference_gain = _reference_gain(ring, self._times_s)
+        self._take(Orbit(ring.radius_m, ring.angular_rate_rad_s))
+        # Read in every tick: as a machine number each costs a tenth of a setting.
+        self._radius_min_m, self._far_m = ring.radius_min_m, ring.far_m
+        self._acceleration_max_m_s2, self._speed_max_m_s = ring.acceleration_max_m_s2, ring.speed_max_m_s
+        moves_s = 1.0 / config.rate_hz + ring.prediction_step_s * np.arange(ring.control_horizon)
+        self._changes_m_s2: list[float] = (ring.acceleration_max_m_s2 / _FULL_AFTER_S * moves_s).tolist()
         self._acceleration = np.zeros(2)
 
     def reset(self) -> None:
@@ -153,11 +152,11 @@ class EncirclementPlanner:
         if task.orbit is not self._orbit:
             self._take(task.orbit)
         motion, polar = task.motion, task.polar
-        if task.authority < 1.0 and self._approach(polar.radius_m) is Approach.ORBIT:
+        if task.authority < 1.0 and self._approach(polar.radius_m) is _ORBIT:
             motion = damped_motion(task)
             polar = polar_from_motion(motion, task.target)  # the damped motion has another polar state
         approach = self._approach(polar.radius_m)
-        if approach is not Approach.ORBIT:
+        if approach is not _ORBIT:
             self.reset()
             aim = self._radial_aim(motion, polar, task)
             return EncirclementPlan(aim, approach, QpStatus.INTERIOR)
@@ -176,9 +175,9 @@ class EncirclementPlanner:
         self._drift_rad: Vector = np.asarray(orbit.angular_rate_rad_s * self._times_s, dtype=np.float64)
 
     def _approach(self, radius_m: float) -> Approach:
-        if radius_m < self._settings.radius_min_m:
+        if radius_m < self._radius_min_m:
             return Approach.OUTWARD
-        return Approach.INWARD if radius_m > self._settings.far_m else Approach.ORBIT
+        return Approach.INWARD if radius_m > self._far_m else _ORBIT
 
     def _radial_aim(self, motion: Vector, polar: Polar, task: RingTask) -> Vector:
         """Fly straight towards the ring, at a speed that the distance and the speed limit allow."""
@@ -214,29 +213,27 @@ class EncirclementPlanner:
 
     def _bounds(self, polar: Polar, neighbours: Neighbours | None) -> Bounds:
         """Bound the inputs by acceleration and jerk, the states by the speed and the clearance to both neighbours."""
-        acceleration_m_s2, speed_m_s = self._settings.acceleration_max_m_s2, self._settings.speed_max_m_s
         radial_m_s2, along_m_s2 = self._acceleration.tolist()
-        for component, before_m_s2, across_m_s2 in ((0, radial_m_s2, along_m_s2), (1, along_m_s2, radial_m_s2)):
-            most_m_s2 = across_m_s(acceleration_m_s2, across_m_s2)
-            for least, most, change_m_s2 in self._moves:
-                least[component] = min(max(before_m_s2 - change_m_s2, -most_m_s2), most_m_s2)
-                most[component] = min(max(before_m_s2 + change_m_s2, -most_m_s2), most_m_s2)
-        fastest_m_s = (
-            across_m_s(speed_m_s, polar.radius_m * polar.angular_rate_rad_s),
-            across_m_s(speed_m_s, polar.radial_speed_m_s),
-        )
-        for (lower, upper), value in zip(self._speeds, fastest_m_s, strict=True):
-            lower.fill(-value)
-            upper.fill(value)
-        if neighbours is None:
-            self._bearings_min.fill(-_FREE)
-            self._bearings_max.fill(_FREE)
-        else:
+        most_radial_m_s2 = across_m_s(self._acceleration_max_m_s2, along_m_s2)
+        most_along_m_s2 = across_m_s(self._acceleration_max_m_s2, radial_m_s2)
+        pushes: list[Pair] = []
+        for change_m_s2 in self._changes_m_s2:
+            pushes.append(_moved(radial_m_s2, change_m_s2, most_radial_m_s2))
+            pushes.append(_moved(along_m_s2, change_m_s2, most_along_m_s2))
+        size_m = polar.radius_m
+        radial_m_s = across_m_s(self._speed_max_m_s, size_m * polar.angular_rate_rad_s)
+        along_m_s = across_m_s(self._speed_max_m_s, polar.radial_speed_m_s)
+        bearing = StateBound(-_FREE, _FREE)
+        if neighbours is not None:
             (lag_rad, lag_rad_s), (lead_rad, lead_rad_s) = neighbours
-            size_m, times_s = polar.radius_m, self._times_s
-            np.add(size_m * lag_rad_s * times_s, self._clearance_m - size_m * lag_rad, out=self._bearings_min)
-            np.add(size_m * lead_rad_s * times_s, size_m * lead_rad - self._clearance_m, out=self._bearings_max)
-        return Bounds(self._pushes, self._limits)
+            least_m, most_m = self._clearance_m - size_m * lag_rad, size_m * lead_rad - self._clearance_m
+            bearing = StateBound(least_m, most_m, size_m * lag_rad_s, size_m * lead_rad_s)
+        return Bounds(pushes, (bearing, StateBound(-radial_m_s, radial_m_s), StateBound(-along_m_s, along_m_s)))
+
+
+def _moved(before: float, change: float, most: float) -> Pair:
+    """Return the range within `change` of a number, and within `most` of 0."""
+    return min(max(before - change, -most), most), min(max(before + change, -most), most)
 
 
 def _reference_gain(settings: EncirclementSettings, times_s: Vector) -> Vector:

@@ -13,6 +13,7 @@ from dataclasses import replace
 from functools import lru_cache
 from itertools import pairwise, product
 from math import cos, exp, hypot, inf, log, pi, sin
+from typing import Final
 
 import msgspec
 import numpy as np
@@ -25,14 +26,14 @@ from agents.situation.situation import Situation
 from estimation.plant.model import Plant, PlantAxis, exact_step
 from estimation.state import POSITION, VELOCITY, Vector
 
-LEVELS = 7
+LEVELS: Final = 7
 """The number of levels from one side of the box to the other."""
-STEP_LARGEST = 0.75
+STEP_LARGEST: Final = 0.75
 """In amplitudes: with a smaller largest step the levels use more of the box at the same speed."""
-BOX_RESERVE = 0.85
+BOX_RESERVE: Final = 0.85
 """The share of the box that the plan uses; the rest is a margin for wind and slow position errors."""
-LEAD_RESERVE = 0.9
-APPROACH_SHARE = 0.5
+LEAD_RESERVE: Final = 0.9
+APPROACH_SHARE: Final = 0.5
 """The speed of the flight to the middle of the box, as a share of the speed limit."""
 
 
@@ -259,8 +260,8 @@ def _largest(vectors: Vector) -> float:
     return float(np.hypot(*vectors.T).max())
 
 
-NEAR_M = 1.0
-NEAR_SHARE = 0.25
+NEAR_M: Final = 1.0
+NEAR_SHARE: Final = 0.25
 """A part begins only if the vehicle rests this near the middle of its box, in metres and in half-widths."""
 
 

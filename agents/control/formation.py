@@ -10,7 +10,7 @@ from functools import lru_cache
 import msgspec
 import numpy as np
 
-from agents.control.lmpc import Bounds, Lmpc, QpStatus
+from agents.control.lmpc import Bounds, Lmpc, QpStatus, StateBound
 from agents.control.lmpc_cost import formation_programme
 from agents.settings.config import AgentConfig
 from estimation.plant.model import Plant
@@ -38,12 +38,11 @@ class FormationPlanner:
     def __init__(self, config: AgentConfig) -> None:
         settings = config.formation
         self._a0_per_s2 = config.plant.a0_per_s2
-        both_ways = np.array(((-1.0,), (1.0,)))
-        self._leads_m = both_ways * config.safety.setpoint_lead_max_m
-        self._speeds_m_s = both_ways[:, np.newaxis] * settings.speed_max_m_s
+        self._lead_max_m, self._speed_max_m_s = config.safety.setpoint_lead_max_m, settings.speed_max_m_s
+        self._control_horizon = settings.control_horizon
         self._reference = np.zeros((settings.horizon, 4))
         self._relative_aim_m: Vector | None = None
-        self._lmpc = Lmpc(formation_programme(config))
+        self._lmpc = Lmpc(formation_programme(config), settings.prediction_step_s)
 
     def reset(self) -> None:
         """Clear the last relative aim, when predecessor or tactic have changed."""
@@ -70,8 +69,15 @@ class FormationPlanner:
 
     def _bounds(self, motion: Vector, predecessor: Predecessor) -> Bounds:
         """Bound the aim's lead ahead of the vehicle, and the vehicle's speed."""
-        from_vehicle = motion[POSITION] - predecessor.aim_m
-        return Bounds(from_vehicle + self._leads_m, self._speeds_m_s - predecessor.motion[VELOCITY])
+        leads_m = [
+            (from_m - self._lead_max_m, from_m + self._lead_max_m)
+            for from_m in (motion[POSITION] - predecessor.aim_m).tolist()
+        ]
+        speeds_m_s = [
+            StateBound(-self._speed_max_m_s - its_m_s, self._speed_max_m_s - its_m_s)
+            for its_m_s in predecessor.motion[VELOCITY].tolist()
+        ]
+        return Bounds(leads_m * self._control_horizon, speeds_m_s)
 
 
 def mission_line(plant: Plant, start_m: tuple[float, float], speed_m_s: float, mission_time_s: float) -> Predecessor:

@@ -18,17 +18,18 @@ least squares: the bound that is exceeded most becomes active, and one whose mul
 
 from collections.abc import Sequence
 from enum import Enum
+from typing import Final
 
-import msgspec
 import numpy as np
 
 from agents.control.lmpc_cost import QuadraticProgram
 from estimation.state import Vector
+from estimation.vectors import Pair
 
-_EXCESS_MAX = 1e-9
-_RIDGE = 1e-12
+_EXCESS_MAX: Final = 1e-9
+_RIDGE: Final = 1e-12
 """Added to the diagonal of K, which is 1: dependent bounds then have unique multipliers, and some of them leave."""
-_CHANGES_MAX = 50
+_CHANGES_MAX = 50  # not Final, which is compiled into its users: tests change it
 _ZERO = np.zeros(1)
 
 
@@ -98,9 +99,9 @@ class ActiveSet:
         return np.asarray(-np.linalg.solve(coupling, room.take(active)), dtype=np.float64)
 
 
-_FEASIBLE_SLACK = 1e-9
-_SLACK_WEIGHT = 1e4
-_FREE = 1e20
+_FEASIBLE_SLACK: Final = 1e-9
+_SLACK_WEIGHT: Final = 1e4
+_FREE: Final = 1e20
 
 
 class QpStatus(Enum):
@@ -111,33 +112,46 @@ class QpStatus(Enum):
     FALLBACK = "fallback"
 
 
-class Solution(msgspec.Struct, frozen=True):
+_INTERIOR: Final = QpStatus.INTERIOR
+
+
+class Solution:
     """The optimal inputs (control_horizon, m), the last held to the end of the horizon, and the status."""
 
-    inputs: Vector
-    status: QpStatus
+    def __init__(self, inputs: Vector, status: QpStatus) -> None:
+        self.inputs: Final = inputs
+        self.status: Final = status
 
     @property
     def first_input(self) -> Vector:
         """The input (m,) to apply now."""
-        return np.asarray(self.inputs[0], dtype=np.float64)
+        first: Vector = self.inputs[0]
+        return first
 
 
-class Bounds(msgspec.Struct, frozen=True):
-    """Lower and upper bounds of one solve: inputs (2, m) and constrained states (2, horizon, k).
+class StateBound:
+    """The least and the most of a constrained state at the samples: lines over time, by their values now and rates."""
 
-    State bounds with a horizon of 1 apply to all samples.
-    """
+    def __init__(self, least: float, most: float, least_rate: float = 0.0, most_rate: float = 0.0) -> None:
+        self.least: Final = least
+        self.most: Final = most
+        self.least_rate: Final = least_rate
+        self.most_rate: Final = most_rate
 
-    inputs: Vector
-    states: Vector
+
+class Bounds:
+    """The bounds of one solve: least and most of each entry of U (s,), and of each constrained state (k,)."""
+
+    def __init__(self, inputs: Sequence[Pair], states: Sequence[StateBound]) -> None:
+        self.inputs: Final = inputs
+        self.states: Final = states
 
 
 class Lmpc:
     """An LMPC with constant matrices: a solve updates vectors only and starts warm - (13), (23)."""
 
-    def __init__(self, programme: QuadraticProgram, slack_weight: float = _SLACK_WEIGHT) -> None:
-        """Set the solver up.
+    def __init__(self, programme: QuadraticProgram, step_s: float, slack_weight: float = _SLACK_WEIGHT) -> None:
+        """Set the solver up, with samples `step_s` apart.
 
         `slack_weight` is the cost of exceeding a bound on states. It must be well above what the other terms gain by
         exceeding it; a much larger one makes the solver slow and inaccurate.
@@ -150,32 +164,49 @@ class Lmpc:
         self._given = np.zeros(self._gradient.shape[1])
         self._given_reference = self._given[states:-inputs].reshape(horizon, states)
         self._outcome = np.vstack([programme.best, self._free_rows + programme.forced_rows @ programme.best])
-        self._lower, self._upper = self._limits = np.empty((2, size + rows))
-        # The same by input and by sample, as the bounds are given.
-        self._input_limits = self._limits[:, :size].reshape(2, programme.control_horizon, inputs).swapaxes(0, 1)
-        self._state_limits = self._limits[:, size:].reshape(2, horizon, rows // horizon)
-        self._room = np.empty_like(self._limits)
+        self._times_s = step_s * np.arange(1, horizon + 1, dtype=np.float64)
+        self._sampled_s: list[float] = self._times_s.tolist()
+        self._lower, self._upper = np.empty((2, size + rows))
         self._solver = _SoftQp(programme.hessian, programme.forced_rows, slack_weight)
 
     def solve(self, state: Vector, reference: Vector, previous_input: Vector, bounds: Bounds) -> Solution:
         """Plan from `state` (n,) along `reference` (horizon, n), starting from the input (m,) applied before."""
-        given, size, room = self._given, self._size, self._room
+        given, size = self._given, self._size
         given[: self._states] = state
         self._given_reference[:] = reference
         given[-self._inputs :] = previous_input
-        self._input_limits[:] = bounds.inputs
-        self._state_limits[:] = bounds.states
         # Usually no bound is active: the optimum is then a matrix product, exact and cheaper than a solver.
         outcome = self._outcome.dot(given)
-        np.subtract(outcome, self._lower, out=room[0])
-        np.subtract(self._upper, outcome, out=room[1])
-        if room.item(room.argmin()) >= -_FEASIBLE_SLACK:  # argmin returns the index of a NaN
-            return Solution(outcome[:size].reshape(-1, self._inputs), QpStatus.INTERIOR)
-        optimum, status = self._bounded(outcome[:size])
+        if self._is_inside(outcome.tolist(), bounds):
+            return Solution(outcome[:size].reshape(-1, self._inputs), _INTERIOR)
+        optimum, status = self._bounded(outcome[:size], bounds)
         return Solution(optimum.reshape(-1, self._inputs), status)
 
-    def _bounded(self, interior: Vector) -> tuple[Vector, QpStatus]:
+    def _is_inside(self, outcome: list[float], bounds: Bounds) -> bool:
+        """Return whether inputs and states, sample by sample, are within the bounds; false for NaN."""
+        for number, (least, most) in enumerate(bounds.inputs):
+            value = outcome[number]
+            if not (value - least >= -_FEASIBLE_SLACK and most - value >= -_FEASIBLE_SLACK):
+                return False
+        first, states = self._size, bounds.states
+        for at_s in self._sampled_s:
+            for bound in states:
+                value = outcome[first]
+                first += 1
+                if not (
+                    value - (bound.least_rate * at_s + bound.least) >= -_FEASIBLE_SLACK
+                    and (bound.most_rate * at_s + bound.most) - value >= -_FEASIBLE_SLACK
+                ):
+                    return False
+        return True
+
+    def _bounded(self, interior: Vector, bounds: Bounds) -> tuple[Vector, QpStatus]:
         size, lower, upper = self._size, self._lower, self._upper
+        lower[:size], upper[:size] = zip(*bounds.inputs, strict=True)
+        for number, bound in enumerate(bounds.states):
+            rows = slice(size + number, None, len(bounds.states))
+            lower[rows] = bound.least_rate * self._times_s + bound.least
+            upper[rows] = bound.most_rate * self._times_s + bound.most
         drift = self._free_rows.dot(self._given)
         lower[size:] -= drift
         upper[size:] -= drift

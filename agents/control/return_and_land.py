@@ -10,6 +10,7 @@ flies in its layer to the nearest free place and lands there. Without such a pla
 
 from collections.abc import Collection
 from math import dist, hypot, inf
+from typing import Final
 
 import numpy as np
 
@@ -25,21 +26,23 @@ from agents.team.messages import Goal, MemberState
 from estimation.state import POSITION, VELOCITY, Vector
 from estimation.vectors import Pair
 
-HEIGHT_TOLERANCE_M = 1.0
-ARRIVED_M, ARRIVED_M_S = 1.0, 0.5
-IN_PLACE_M = 1.0
+HEIGHT_TOLERANCE_M: Final = 1.0
+ARRIVED_M: Final = 1.0
+ARRIVED_M_S: Final = 0.5
+IN_PLACE_M: Final = 1.0
 """The largest distance from its place in the line at which a vehicle counts as in place."""
-APART = 1.5
+APART: Final = 1.5
 """In separations: vehicles farther apart than this may land at the same time and fly at the same height."""
-RECEIVED_AFTER_S = 1.5
+RECEIVED_AFTER_S: Final = 1.5
 """Within this time the states of peers whose mission ended at the same moment arrive."""
-NOT_RECEIVED_LONGEST_S = 10.0
-LANDING_LONGEST_S = 60.0
-ASIDE_AFTER_S = 30.0
+NOT_RECEIVED_LONGEST_S: Final = 10.0
+LANDING_LONGEST_S: Final = 60.0
+ASIDE_AFTER_S: Final = 30.0
 """How long a vehicle waits for its landing place to become free, until it lands aside."""
-SOUGHT_EVERY_S = 1.0
+SOUGHT_EVERY_S: Final = 1.0
 """How often a place aside is searched for where there was none: it takes some milliseconds."""
-WAY_SPEED_SHARE, WAY_EXTRA_S = 0.4, 30.0
+WAY_SPEED_SHARE: Final = 0.4
+WAY_EXTRA_S: Final = 30.0
 """A way that takes longer than at this share of the largest speed, and this time, is given up."""
 _ON_THE_WAY = Tactic.RETURN_AND_LAND.value
 _COMING_DOWN = (_ON_THE_WAY, Tactic.LAND.value)

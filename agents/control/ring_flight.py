@@ -10,7 +10,7 @@ from agents.control.plan import Plan, RingReport
 from agents.notes import RingChange
 from agents.ring.bent_ring import RingBend, RingBends, places_on, waiting_places_m
 from agents.ring.commanded_ring import Orbit
-from agents.ring.detour import Headway, Motion, Obstacle, bend_m, bends, headway, met
+from agents.ring.detour import Headway, Motion, Obstacle, bend_m, bends, met
 from agents.ring.feasibility import RingFeasibility
 from agents.ring.joining import Joining
 from agents.ring.place import (
@@ -45,28 +45,31 @@ _OFF_THE_RING = frozenset(
 )
 """Members in these tactics stay where they are, or cross the ring on their way home, and the ring bends around them."""
 
+_ORBIT: Final = Approach.ORBIT
 _RETURN = Tactic.RETURN_AND_LAND.value
-_HEADWAY = 1.6
+_HEADWAY: Final = 1.6
 """In separations: a little more than the room that a vehicle needs to enter."""
-_ABREAST, _PASSED = 1.2, 1.25
+_ABREAST: Final = 1.2
+_PASSED: Final = 1.25
 """Vehicles whose radii differ by more may pass each other: in headways for one that comes in, and in separations for
 one on the ring, which passes those that wait outside of it.
 """
-_HEADWAY_SHARE = 0.8
+_HEADWAY_SHARE: Final = 0.8
 """In narrowest wanted gaps: the largest headway, for a ring that is nearly full."""
-_HELD_S = 5.0
+_HELD_S: Final = 5.0
 """The guard holds a vehicle at a zone for this long before it flies around it near the ring."""
-_BENT_FROM = 1.4
+_BENT_FROM: Final = 1.4
 """The ring bends around an obstacle from so many times the distance on at which the guard would act. Nearer, the guard
 slows down every vehicle on a fast ring that passes.
 """
-_LOOKED_AHEAD_RAD, _FENCE_MARGIN_M = 0.5, 0.5
+_LOOKED_AHEAD_RAD: Final = 0.5
+_FENCE_MARGIN_M: Final = 0.5
 """How far ahead of a waiting vehicle the fence is checked, and the margin to it. A waiting place outside the fence is
 never reached, and the vehicles on the ring would keep room for it.
 """
 
 
-_PHASE = 0.618
+_PHASE: Final = 0.618
 """In periods: how much later vehicles of the next id look at all on the ring, so that not all do in the same tick."""
 
 
@@ -182,7 +185,8 @@ class RingFlight:
     def plan(self, situation: Situation, centre: Vector, mixing: float) -> Plan:
         """Plan about the centre's motion (4,) at the acting time; `mixing` is the share of this plan in the aim."""
         polar = polar_from_motion(situation.acting_motion, centre)
-        orbit, news = self._orbit(situation.now_s, hypot(*centre[VELOCITY].tolist()))
+        _, _, centre_x_rate, centre_y_rate = centre.tolist()
+        orbit, news = self._orbit(situation.now_s, hypot(centre_x_rate, centre_y_rate))
         if self._bends is not None:
             self._bend = self._bends.about((centre.item(0), centre.item(1)), situation.now_s)
             if (way_in := self._way_in(situation, centre, polar, orbit, mixing)) is not None:
@@ -200,7 +204,7 @@ class RingFlight:
             news,
             task.reference if self._joining.joined else None,
         )
-        if plan.approach is not Approach.ORBIT:
+        if plan.approach is not _ORBIT:
             self._reference.reset()
         undisturbed = undisturbed_m(plan.aim_m, situation.compensation, self._plant)
         return Plan(plan.aim_m, undisturbed, situation.acting_motion[VELOCITY], plan.status, ring=report)
@@ -348,14 +352,14 @@ class RingFlight:
         among all: the vehicle then corrects towards the middle between its neighbours, as (22) states.
         """
         mover, ring = self._joining.mover, self._team.ring
-        own_rad, others = self._reference.place_rad(polar, orbit, situation.acting_s), ring.others(situation.acting_s)
+        own_rad = self._reference.place_rad(polar, orbit, situation.acting_s)
+        ids, others_rad, radii_m = ring.others(situation.acting_s)
+        ids.insert(0, self._vehicle_id)
         if not ring.is_known_to_all(self._vehicle_id):
-            weights = weights_of((self._vehicle_id, *(each for each, _, _ in others)), self._gaps)
-            error_rad = ring_place(own_rad, [bearing_rad for _, bearing_rad, _ in others], weights).error_rad
+            error_rad = ring_place(own_rad, others_rad, weights_of(ids, self._gaps)).error_rad
             return mover(error_rad, polar.radius_m, orbit), mover(-error_rad, polar.radius_m, orbit)
-        members = [(self._vehicle_id, own_rad, polar.radius_m), *others]
-        errors_rad = place_errors_rad([each[1] for each in members], [each[0] for each in members], self._gaps)
-        return self._joining.movers(errors_rad, [each[2] for each in members], orbit)
+        errors_rad = place_errors_rad([own_rad, *others_rad], ids, self._gaps)
+        return self._joining.movers(errors_rad, [polar.radius_m, *radii_m], orbit)
 
     def _headway(
         self, situation: Situation, centre: Vector, polar: Polar, orbit: Orbit, view: RingView, *, passes: bool
@@ -364,15 +368,16 @@ class RingFlight:
 
         A vehicle on the ring `passes` those farther out: they wait there, unless the ring is bent.
         """
-        about = centre.tolist()
-        motions = [
-            _motion(member, situation.acting_s, about) for member in self._team.near() if self._team.encircles(member)
-        ]
         headway_m = min(
             _HEADWAY * self._safety.separation_m, _HEADWAY_SHARE * tau / view.room.coming_places * orbit.radius_m
         )
         abreast_m = _PASSED * self._safety.separation_m if passes else _ABREAST * headway_m
-        return headway(polar, motions, headway_m, abreast_m)
+        headway, team = Headway(polar, headway_m, abreast_m), self._team
+        acting_s, about = situation.acting_s, _motion_of(centre)
+        for member in team.near():
+            if team.encircles(member):
+                headway.keep_to(_motion(member, acting_s, about))
+        return headway
 
     def _obstacles(self, situation: Situation, centre: Vector, polar: Polar) -> list[Obstacle]:
         """Return the obstacles on the ring: peers that fell silent there, and those that stay or return.
@@ -384,7 +389,7 @@ class RingFlight:
         if not (others or lost):
             return []
         # One that has left the ring may still brake: it soon rests.
-        returning, about = [each.sender for each in others if each.tactic == _RETURN], centre.tolist()
+        returning, about = [each.sender for each in others if each.tactic == _RETURN], _motion_of(centre)
         found, along_m_s = [], abs(self.rate_rad_s) * polar.radius_m
         for body in self._neighbours.bodies(situation, others, lost):
             velocity_m_s = body.velocity_m_s if body.vehicle_id in returning else (0.0, 0.0)
@@ -417,14 +422,19 @@ def _forwards(rates_rad_s: Pair, ring_rad_s: float) -> Pair:
     return (max(least_rad_s, 0.0), most_rad_s) if ring_rad_s > 0.0 else (least_rad_s, min(most_rad_s, 0.0))
 
 
-def _motion(member: MemberState, at_s: float, centre: Sequence[float]) -> Motion:
+def _motion_of(vector: Vector) -> Motion:
+    x, y, x_rate, y_rate = vector.tolist()
+    return x, y, x_rate, y_rate
+
+
+def _motion(member: MemberState, at_s: float, centre: Motion) -> Motion:
     """Return a peer's motion relative to the centre's (4,) at a time, extrapolated at its published velocity."""
     ahead_s = at_s - member.time_s
     (x, y), (x_rate, y_rate) = member.position_m, member.velocity_m_s
     return _relative((x + x_rate * ahead_s, y + y_rate * ahead_s), (x_rate, y_rate), centre)
 
 
-def _relative(position_m: Pair, velocity_m_s: Pair, centre: Sequence[float]) -> Motion:
+def _relative(position_m: Pair, velocity_m_s: Pair, centre: Motion) -> Motion:
     centre_x, centre_y, centre_x_rate, centre_y_rate = centre
     return (
         position_m[0] - centre_x,

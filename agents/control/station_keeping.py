@@ -7,6 +7,7 @@ route it would displace other vehicles, and those that keep station on them.
 from collections.abc import Collection, Sequence
 from functools import lru_cache
 from math import dist, hypot, inf
+from typing import Final
 
 import numpy as np
 
@@ -20,13 +21,14 @@ from agents.team.team import Team
 from estimation.state import POSITION
 from estimation.vectors import Pair
 
-CLEAR = 2.0
+CLEAR: Final = 2.0
 """In separations: the distance from all slots at which a vehicle flies around them."""
-_LANE, _LANE_KEPT = 0.15, 0.5
+_LANE: Final = 0.15
+_LANE_KEPT: Final = 0.5
 """In separations: the largest offset from the middle of its lane when a vehicle turns in, and after that."""
 _FROM = ((-1.0, 0.0), (0.0, 1.0), (0.0, -1.0), (1.0, 0.0))
 """The directions of lanes; the first free one is taken: behind, left, right, ahead."""
-SETTLED_M_S = 0.3
+SETTLED_M_S: Final = 0.3
 """A vehicle has arrived if its velocity differs from the formation's by less than this."""
 
 

@@ -7,7 +7,7 @@ next ring is within reach, that ring's law takes over (`agents/control/ring_flig
 
 from collections.abc import Sequence
 from math import asin, atan2, cos, dist, hypot, pi, sin
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
 from agents.control.aims import along
 from agents.control.encirclement import aim_for_acceleration, undisturbed_m
@@ -16,13 +16,14 @@ from agents.ring.joining import ASIDE
 from agents.safety.routes import WAY_SHARE, Way, way_of
 from agents.settings.config import AgentConfig
 from agents.situation.situation import Situation
-from estimation.frames import wrap_signed_rad
 from estimation.state import POSITION, VELOCITY
-from estimation.vectors import Pair, clipped_pair
+from estimation.vectors import Pair, clipped_pair, wrap_signed_rad
 
-FAR_SHARE = 0.8
+FAR_SHARE: Final = 0.8
 """The share of the radius up to which the law of a ring holds, at which it takes over."""
-_SPEED_SHARE, _ACCELERATION_SHARE, _GAIN_PER_S = 0.8, 0.5, 1.0
+_SPEED_SHARE: Final = 0.8
+_ACCELERATION_SHARE: Final = 0.5
+_GAIN_PER_S: Final = 1.0
 """The shares of the ring's limits that are flown, and the rate at which an error of the velocity is corrected."""
 
 

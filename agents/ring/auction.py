@@ -30,27 +30,28 @@ from zlib import crc32
 
 from agents.team.messages import RINGS_MAX
 
-ID_MAX = 254
-HOP_S = 0.3
+ID_MAX: Final = 254
+HOP_S: Final = 0.3
 """More than the mean time until a neighbour receives a change: 0.25 s with five states a second and a fifth lost."""
-HEARD_S = 2.0
+HEARD_S: Final = 2.0
 """A neighbour is heard until no message of it has come for this long."""
-AHEAD_MAX_S = 1.0
+AHEAD_MAX_S: Final = 1.0
 """Bids dated further ahead of the own clock are ignored."""
-RELEASE_S = 0.5
+RELEASE_S: Final = 0.5
 """A bid for a ring is withdrawn when the ring has not been eligible for this long."""
-_SMOOTHING_S = 1.0
-_PER_S = 100
+_SMOOTHING_S: Final = 1.0
+_PER_S: Final = 100
 """The units of a stamp in a second; a stamp is sent modulo 2^16 of them."""
 _WRAP = 1 << 16
 _LEVELS, _SCORE_MIN = 255, 1.0 / 512.0
 """Bids are levels from 1 to 255 of scores from 1/512 to 1, even on a logarithmic scale; 0 is no bid."""
 _PER_LEVEL = log(1.0 / _SCORE_MIN) / (_LEVELS - 1)
-_BAND = 11.0
+_BAND: Final = 11.0
 """In levels: a bid changes when the score is 31 % above it or 24 % below."""
 _COST_MS = [0, *(round(1e3 * exp(_PER_LEVEL * (_LEVELS - level))) for level in range(1, _LEVELS + 1))]
 """What each level costs: the reciprocal of its score. Whole numbers, so that sums do not depend on their order."""
-_HELD_SHARE, _HELD_MS = 4, 1000
+_HELD_SHARE: Final = 4
+_HELD_MS: Final = 1000
 """A ring that a vehicle holds costs it a fourth and a second less."""
 _ASSIGNED_MS, _ASSIGNED_BIT = -2 * 10**9, 0x80
 """The cost of a ring that an operator has assigned to the vehicle: it comes before all others, also if one of them then
@@ -58,7 +59,8 @@ has no place. It is sent beside the ring that it holds.
 """
 _NO_RING_MS = 10**9
 """The cost of no ring: more than all rings together, so that as many vehicles as possible have a place."""
-_TIE_BITS, _ID_BITS = 48, 32
+_TIE_BITS: Final = 48
+_ID_BITS: Final = 32
 """Costs are multiples of 2^48. What is added to them decides only between equal sums, of at most 254 vehicles."""
 
 

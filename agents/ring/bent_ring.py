@@ -26,15 +26,16 @@ BEARINGS: Final = 360
 _STEP_RAD = tau / BEARINGS
 _WIDTHS = (9, 12, 16, 21, 28, 37, 50, 66, 88)
 """In steps: the angles over which a bend may begin and end."""
-_SIDES_MAX = 8
+_SIDES_MAX: Final = 8
 """With more zones on the ring, it passes all of them on one side."""
 _ACCELERATION_SHARES = (0.5, 0.8)
 """The shares of the acceleration that a bend may take: the second one if there is none with the first. The rest is for
 corrections.
 """
-_FASTER = 1.2
+_FASTER: Final = 1.2
 """By how much a vehicle on the ring may be faster than it, for the room to zones."""
-_REBUILT_M, _BLENDED_S = 0.3, 2.0
+_REBUILT_M: Final = 0.3
+_BLENDED_S: Final = 2.0
 """The ring is bent anew when the target has moved so far, and changes to that over this time."""
 
 

@@ -9,7 +9,7 @@ and keeps its own while there is no place.
 
 from collections.abc import Mapping
 from math import hypot, inf
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
 from agents.ring.auction import Auction, ring_score
 from agents.settings.config import AgentConfig
@@ -20,15 +20,17 @@ from estimation.vectors import Pair
 
 _LEAST, _OWN_LEAST = 1.0 / 512.0, 1.0 / 64.0
 """The scores of rings that a vehicle off the formation would not choose, and of its own one of these."""
-_MARGIN, _FARTHER = 0.05, 1.1
+_MARGIN: Final = 0.05
+_FARTHER: Final = 1.1
 """By how much importance and threat may miss, and how much farther, in shares, a target may be once it was chosen: a
 noisy estimate at a threshold must not change the bids.
 """
-YIELDS_AFTER_S, YIELDS_S = 10.0, 5.0
+YIELDS_AFTER_S: Final = 10.0
+YIELDS_S: Final = 5.0
 """After a vehicle has had no place for this long, those on rings bid for others as well, for so long: enough to agree
 and to set out.
 """
-SURE_S = 1.0
+SURE_S: Final = 1.0
 """A ring is chosen once the auction has given it to the vehicle for this long: by then it has its neighbours' bids."""
 
 

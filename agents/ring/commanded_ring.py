@@ -13,14 +13,17 @@ from agents.settings.sections import EncirclementSettings
 from agents.team.messages import CommandedRing
 from estimation.vectors import limited
 
-_RADIUS_GAIN_PER_S, _SPEED_GAIN_PER_S = 0.6, 1.0
+_RADIUS_GAIN_PER_S: Final = 0.6
+_SPEED_GAIN_PER_S: Final = 1.0
 """With more the radius goes beyond the commanded one, by 0.16 m at 1 1/s: the jerk delays the braking."""
-_SHARE = 0.8
+_SHARE: Final = 0.8
 """The share of a transition's acceleration and jerk with which the ring changes: vehicles that follow have the rest."""
-_REACHED_M, _REACHED_M_S = 0.02, 0.01
-_STEP_S, _LONGEST_S = 0.05, 600.0
-_PART_MAX_S = 0.25
-_BUILT_UP_S = 0.5
+_REACHED_M: Final = 0.02
+_REACHED_M_S: Final = 0.01
+_STEP_S: Final = 0.05
+_LONGEST_S: Final = 600.0
+_PART_MAX_S: Final = 0.25
+_BUILT_UP_S: Final = 0.5
 """How long the jerk takes to its bound as the speed along the ring changes."""
 
 

@@ -7,7 +7,7 @@ peer's program may be faulty, or lie.
 from collections.abc import Callable, Mapping
 from functools import lru_cache
 from math import dist, inf
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
 from agents.notes import PeerRingRefusal
 from agents.ring.bent_ring import Bender, places_on
@@ -22,9 +22,9 @@ from estimation.vectors import Pair
 
 TargetPlace = Callable[[str | None], Pair | None]
 """Returns where the target of a name is, None if that is not known; the only target has no name."""
-_GRID_M = 0.5
+_GRID_M: Final = 0.5
 """Whether a ring can bend around zones is judged about the place on this grid that is nearest to the target."""
-NOTED_AGAIN_S = 10.0
+NOTED_AGAIN_S: Final = 10.0
 """Other refused values of a peer's ring are noted at most this often: a vehicle that lies must not fill the log."""
 
 

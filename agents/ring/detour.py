@@ -4,76 +4,83 @@ The guard alone would also keep the distance, but late, with a jump, and always 
 across the ring. The bend is outwards and early, and the vehicles keep their order and spacing.
 """
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from math import asin, atan2, copysign, cos, hypot, inf, pi, sin, sqrt
 from typing import Final
 
 import numpy as np
 
-from estimation.frames import wrap_signed_rad
-from estimation.polar import Polar, polar_of
+from estimation.polar import Polar, angular_rate_of, polar_of
 from estimation.state import Vector
+from estimation.vectors import Pair, wrap_signed_rad
 
-_GAIN_PER_S = 0.5
+_GAIN_PER_S: Final = 0.5
 
-_FARTHER_IN = 0.5
+_FARTHER_IN: Final = 0.5
 """In headways: a vehicle that is so much farther in comes first."""
 
 Motion = tuple[float, float, float, float]
 
 
 class Headway:
-    """The rates and the radius that keep a headway: the least and the largest angular rate, and the least radius."""
+    """What keeps `headway_m` to the next vehicle on either side, and to those farther in.
 
-    def __init__(self, least_rad_s: float, most_rad_s: float, least_m: float) -> None:
-        self.rates_rad_s: Final = least_rad_s, most_rad_s
-        self.least_m: Final = least_m
-
-
-def headway(polar: Polar, others: Iterable[Motion], headway_m: float, abreast_m: float) -> Headway:
-    """Return what keeps `headway_m` to the next vehicle on either side, and to those farther in.
-
-    `others` are motions [x y x' y'] relative to the target. Those up to a quarter turn away limit the angular rate,
-    unless their radii differ by `abreast_m`: they may pass each other. Behind one that is farther in, the vehicle
-    keeps its radius until there is room.
+    Vehicles up to a quarter turn away limit the angular rate, unless their radii differ by `abreast_m`: they may pass
+    each other. Behind one that is farther in, the vehicle keeps its radius until there is room.
     """
-    least_rad_s, most_rad_s, least_m = -inf, inf, 0.0
-    x, y = cos(polar.bearing_rad), sin(polar.bearing_rad)
-    for motion in others:
-        across, along = x * motion[1] - y * motion[0], x * motion[0] + y * motion[1]
+
+    def __init__(self, polar: Polar, headway_m: float, abreast_m: float) -> None:
+        self._radius_m = polar.radius_m
+        self._x, self._y = cos(polar.bearing_rad), sin(polar.bearing_rad)
+        self._headway_m, self._abreast_m = headway_m, abreast_m
+        self._least_rad_s, self._most_rad_s, self._least_m = -inf, inf, 0.0
+
+    def keep_to(self, motion: Motion) -> None:
+        """Keep it to a vehicle, by its motion [x y x' y'] relative to the target."""
+        its_x, its_y, its_x_rate, its_y_rate = motion
+        across, along = self._x * its_y - self._y * its_x, self._x * its_x + self._y * its_y
         if along <= 0.0:
-            continue
-        farther_in_m = polar.radius_m - hypot(across, along)
+            return
+        farther_in_m, headway_m = self._radius_m - hypot(across, along), self._headway_m
         if abs(across) < headway_m and farther_in_m > _FARTHER_IN * headway_m:
-            least_m = max(least_m, along + sqrt(headway_m * headway_m - across * across))
-        if abs(farther_in_m) >= abreast_m:
-            continue
-        spare_rad_s = _GAIN_PER_S * (abs(atan2(across, along)) - headway_m / polar.radius_m)
-        other_rad_s = polar_of(*motion).angular_rate_rad_s
+            self._least_m = max(self._least_m, along + sqrt(headway_m * headway_m - across * across))
+        if abs(farther_in_m) >= self._abreast_m:
+            return
+        spare_rad_s = _GAIN_PER_S * (abs(atan2(across, along)) - headway_m / self._radius_m)
+        other_rad_s = angular_rate_of(its_x, its_y, its_x_rate, its_y_rate)
         if across > 0.0:
-            most_rad_s = min(most_rad_s, max(other_rad_s + spare_rad_s, 0.0))
+            self._most_rad_s = min(self._most_rad_s, max(other_rad_s + spare_rad_s, 0.0))
         elif across < 0.0:
-            least_rad_s = max(least_rad_s, min(other_rad_s - spare_rad_s, 0.0))
-    return Headway(least_rad_s, most_rad_s, min(least_m, polar.radius_m))
+            self._least_rad_s = max(self._least_rad_s, min(other_rad_s - spare_rad_s, 0.0))
+
+    @property
+    def rates_rad_s(self) -> Pair:
+        """The least and the largest angular rate."""
+        return self._least_rad_s, self._most_rad_s
+
+    @property
+    def least_m(self) -> float:
+        """The least radius."""
+        return min(self._least_m, self._radius_m)
 
 
-MARGIN_M = 0.5
+MARGIN_M: Final = 0.5
 """The margin over the distance that the guard demands, so that the guard does not intervene."""
-_INWARD_MOST = 0.25
+_INWARD_MOST: Final = 0.25
 """In radii of the ring: the largest bend inwards."""
-_INWARD_CLEARLY = 0.5
+_INWARD_CLEARLY: Final = 0.5
 """In distances to keep: the largest bend inwards. With it the side of the obstacle is unambiguous, and the bend does
 not change sides while a vehicle passes one that was lost on the ring itself.
 """
-_SLOW_RAD_S = 0.02
+_SLOW_RAD_S: Final = 0.02
 """A vehicle on a slower ring is treated as one at this rate: what it meets later is not predicted."""
-_SLOWED_SHARE = 0.5
+_SLOWED_SHARE: Final = 0.5
 """The least share of the ring's rate at which a vehicle is expected to go on."""
-_CLOSING_SHARE = 0.25
+_CLOSING_SHARE: Final = 0.25
 """The least share of its own rate at which the vehicle comes nearer to an obstacle that moves along with it."""
-_TRIES = 4
+_TRIES: Final = 4
 """Newton's steps towards the time of the meeting."""
-_BEGUN = 2.0
+_BEGUN: Final = 2.0
 """By how much a vehicle's distance inside the ring makes a larger bend inwards, and outside of it a smaller one."""
 
 

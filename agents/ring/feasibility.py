@@ -5,24 +5,27 @@ All members fly the most restricted of these, so they have the same rate and kee
 """
 
 from math import inf, sqrt
+from typing import Final
 
 from agents.ring.commanded_ring import ChangingRing
 from agents.settings.config import AgentConfig
 from agents.settings.sections import EncirclementSettings
 from agents.team.ring_members import FULL_RING, RingScale
 
-RESERVE = 0.95
+RESERVE: Final = 0.95
 """The share of the speed limit that target speed and ring speed may use together."""
-BROKEN_MAX = 0.25
+BROKEN_MAX: Final = 0.25
 """The largest radius error, as a share of the radius, when the target turns by 90 degrees."""
-_FLOOR = 0.3
-_WIDEST = 2.0
-_STEPS = 10.0
-_WORSE_S, _BETTER_S = 0.5, 8.0
-_UNKNOWN_S = 3.0
+_FLOOR: Final = 0.3
+_WIDEST: Final = 2.0
+_STEPS: Final = 10.0
+_WORSE_S: Final = 0.5
+_BETTER_S: Final = 8.0
+_UNKNOWN_S: Final = 3.0
 """For this long after the first sighting the estimated speed is unreliable: two outliers can determine it."""
-_RATE_PER_S, _RADIUS_PER_S = 0.1, 0.05
-_LITTLE = 0.1
+_RATE_PER_S: Final = 0.1
+_RADIUS_PER_S: Final = 0.05
+_LITTLE: Final = 0.1
 """A ring that leaves less than this share of its speed for the target's motion is the cause by itself."""
 
 

@@ -6,13 +6,15 @@ at about the same height, and the guard, which keeps them apart horizontally, ne
 """
 
 from math import atan2, cos, degrees, radians, sin, tan
+from typing import Final
 
 from agents.settings.sections import EncirclementSettings
 from estimation.polar import Polar
 from estimation.vectors import Pair
 
 Limits = tuple[float | None, float | None]
-HEIGHT_LEAST_M, HEIGHT_MOST_M = 1.0, 500.0
+HEIGHT_LEAST_M: Final = 1.0
+HEIGHT_MOST_M: Final = 500.0
 """The limits of heights above the mission's origin where none are given, as those of `altitude_m`."""
 
 

@@ -7,6 +7,7 @@ for which the ring has no room waits outside, and does not publish its bearing.
 
 from collections.abc import Sequence
 from math import sqrt
+from typing import Final
 
 from agents.ring.commanded_ring import Orbit
 from agents.ring.detour import MARGIN_M
@@ -16,17 +17,18 @@ from agents.ring.transition import SLOWEST_SHARE, TRACKED_SHARE, AccelerationBou
 from agents.settings.config import AgentConfig
 from estimation.polar import Polar
 
-ASIDE, WAITING = 2.0, 1.5
+ASIDE: Final = 2.0
+WAITING: Final = 1.5
 """In separations: the distances outside the ring at which a vehicle is clear of it, and at which one waits to enter."""
-_ROOM = 1.5
+_ROOM: Final = 1.5
 """In separations: the smallest distance between neighbours on the ring when a vehicle enters between them."""
-_ROOM_SHARE = 0.65
+_ROOM_SHARE: Final = 0.65
 """In wanted gaps: the largest room that is required, for a ring that is nearly full."""
-_AT_RING = 0.25
+_AT_RING: Final = 0.25
 """In separations: a vehicle this near to the ring, or inside it, flies on the ring even if there is no room."""
-_IN_FRONT = 3.0
+_IN_FRONT: Final = 3.0
 """In distances of the waiting circle from the ring: a vehicle this far from its place begins to enter."""
-_TURNING_SHARE = 0.6
+_TURNING_SHARE: Final = 0.6
 """The share of its acceleration that a vehicle uses along the ring, and of it across the ring, on its way in."""
 
 

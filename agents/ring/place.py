@@ -106,7 +106,7 @@ def neighbours(bearing_rad: float, others: Sequence[tuple[float, float, float]])
     return behind, min(((angle_rad or tau) + spare_rad, rate_rad_s) for angle_rad, rate_rad_s, spare_rad in ahead)
 
 
-_ABREAST_RAD = 2e-3
+_ABREAST_RAD: Final = 2e-3
 """Of vehicles at one bearing, such as a column that comes to the ring, that with the lower id counts as behind: without
 this, each could take itself for the first, and both would fly to one place.
 """
@@ -119,10 +119,9 @@ def place_errors_rad(bearings_rad: Sequence[float], ids: Sequence[int], gaps: Ga
     `2 pi k_i / n` for the k-th of n with even gaps. It is the angle from a vehicle ahead to its place among places that
     are turned to the vehicles' mean, and 0 in sum. With even gaps on a ring of three it is `(phi_lead - phi_lag) / 3`.
     """
-    weights, apart_rad = weights_of(ids, gaps), [0.0] * len(ids)
+    weights, rank = weights_of(ids, gaps), {each: count for count, each in enumerate(sorted(ids))}
     unit_rad, before = tau / sum(weights), 0.0
-    for count, index in enumerate(sorted(range(len(ids)), key=ids.__getitem__)):
-        apart_rad[index] = count * _ABREAST_RAD
+    apart_rad = [rank[each] * _ABREAST_RAD for each in ids]
     told_apart = [(bearing + apart) % tau for bearing, apart in zip(bearings_rad, apart_rad, strict=True)]
     turns = [0.0] * len(ids)
     for index in sorted(range(len(ids)), key=told_apart.__getitem__):

@@ -27,13 +27,12 @@ from agents.ring.transition import (
     transition_rate_rad_s,
 )
 from agents.settings.config import AgentConfig
-from estimation.frames import wrap_signed_rad
 from estimation.polar import Polar
-from estimation.vectors import Pair, limited
+from estimation.vectors import Pair, limited, wrap_signed_rad
 
-_RADIAL_GAIN_PER_S = 0.5
-_BRAKED_WITHIN_M = 0.25
-_ACROSS_SHARE = 0.7
+_RADIAL_GAIN_PER_S: Final = 0.5
+_BRAKED_WITHIN_M: Final = 0.25
+_ACROSS_SHARE: Final = 0.7
 """The share of its speed that a vehicle may use towards the ring and around it, however fast it is in the other."""
 
 

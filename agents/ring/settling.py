@@ -2,6 +2,7 @@
 
 from collections.abc import Collection, Mapping
 from math import inf, tau
+from typing import Final
 
 from agents.ring.commanded_ring import Orbit
 from agents.ring.joining import Joining
@@ -10,8 +11,8 @@ from agents.ring.reference import RingReference, RingWay
 from agents.settings.config import AgentConfig
 from estimation.polar import Polar
 
-_STEP_S = 0.2
-_LONGEST_S = 300.0
+_STEP_S: Final = 0.2
+_LONGEST_S: Final = 300.0
 
 
 class _OnReference:

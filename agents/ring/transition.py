@@ -36,17 +36,20 @@ class ShapedCoordinate:
         return ShapedCoordinate(value + share * off, rate + share * (self.rate - rate), self.acceleration)
 
 
-_ACCELERATION_PER_S2, _JERK_PER_S3 = 0.03, 0.05
+_ACCELERATION_PER_S2: Final = 0.03
+_JERK_PER_S3: Final = 0.05
 """The bounds of a transition as shares of the radius: vehicles change places in about the same time on any ring."""
-_SMALL_M, _LARGE_M = 10.0, 20.0
+_SMALL_M: Final = 10.0
+_LARGE_M: Final = 20.0
 """The radii beyond which the bounds stay the same: smaller ones are below disturbances, larger ones are not gentle."""
-SLOWEST_SHARE = 0.2
+SLOWEST_SHARE: Final = 0.2
 """The smallest angular rate of a vehicle that waits for others, as a share of the ring's rate."""
-TRACKED_SHARE = 0.98
+TRACKED_SHARE: Final = 0.98
 """The share of a transition's speed that references use: a vehicle is briefly a little faster than its reference."""
-_TRIES, _NEARLY = 16, 1e-12
-_DAMPED_SHARE = 0.8
-_BRAKING_SHARE = 0.5
+_TRIES: Final = 16
+_NEARLY: Final = 1e-12
+_DAMPED_SHARE: Final = 0.8
+_BRAKING_SHARE: Final = 0.5
 """The share of the acceleration that the braking distance is computed with; the rest is a margin for disturbances."""
 
 

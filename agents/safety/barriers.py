@@ -13,7 +13,7 @@ from agents.notes import GuardCause
 from agents.safety.fence import NearestPoint
 from estimation.vectors import Pair
 
-_NEAR_M = 1e-6
+_NEAR_M: Final = 1e-6
 
 
 class Cause(IntEnum):

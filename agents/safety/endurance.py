@@ -4,21 +4,23 @@ from collections import deque
 from collections.abc import Sequence
 from itertools import pairwise
 from math import dist, inf
+from typing import Final
 
 from agents.safety.routes import Way, way_of
 from agents.settings.config import AgentConfig
 from estimation.vectors import Pair
 
-SINK_SLOWEST_M_S = 0.5
+SINK_SLOWEST_M_S: Final = 0.5
 """ArduCopter lands at this rate, PX4 at 0.7 m/s."""
-WAY_SLOWEST = 0.2
+WAY_SLOWEST: Final = 0.2
 """The assumed share of its speed that a vehicle keeps against any wind, which bounds the duration."""
-FOUND_EVERY_M = 5.0
+FOUND_EVERY_M: Final = 5.0
 """How far a vehicle flies until its way home is found anew, which takes milliseconds."""
-WINDOW_S, KNOWN_AFTER_S = 180.0, 60.0
+WINDOW_S: Final = 180.0
+KNOWN_AFTER_S: Final = 60.0
 """The window over which the discharge is measured, and the shortest one that is used."""
-CHANGES_MIN = 4
-PAUSE = 4.0
+CHANGES_MIN: Final = 4
+PAUSE: Final = 4.0
 """After this many usual intervals without a change the measured discharge rate is invalid."""
 
 

@@ -8,7 +8,7 @@ A row owns its signal or names it, its thresholds are the constants that act, an
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from enum import Enum
-from typing import Any
+from typing import Any, Final
 
 from agents.ports import Connection, GpsThreat, ModeSource, VehicleStatus
 from agents.settings.config import AgentConfig
@@ -82,28 +82,30 @@ class Reaction(Enum):
     HAND_OVER = "hand over"
 
 
-RATIO_MAX, RATIO_RESERVE = 1.0, 0.5
+RATIO_MAX: Final = 1.0
+RATIO_RESERVE: Final = 0.5
 """An estimator rejects a sensor at a test ratio above 1; 0.5 is the former arming limit of PX4."""
-HEIGHT_OFF_MAX_M, HEIGHT_OFF_RESERVE_M = 4.0, 2.0
+HEIGHT_OFF_MAX_M: Final = 4.0
+HEIGHT_OFF_RESERVE_M: Final = 2.0
 """Of the height from that of another sensor. Barometers drift by a metre or two in a flight."""
 COMPASS = "compass"
 """A rejected compass is no reason to land: estimators use the others, and compasses are disturbed near steel."""
-SATELLITES_MIN = 6
+SATELLITES_MIN: Final = 6
 """The minimum of PX4 (EKF2_REQ_NSATS) and of ArduPilot."""
-FIX_DIMENSIONS = 3
-ALTITUDE_TOLERANCE_M = 1.0
+FIX_DIMENSIONS: Final = 3
+ALTITUDE_TOLERANCE_M: Final = 1.0
 """The guard keeps setpoints within the limits; the height error of an autopilot is up to half a metre."""
-LINK_LOSS_MAX = 0.1
+LINK_LOSS_MAX: Final = 0.1
 """Share of the messages on a link that are lost."""
-SILENCES_PER_HOUR_MAX = 0.3
+SILENCES_PER_HOUR_MAX: Final = 0.3
 """Silences of a link that end offboard, or hold a vehicle, which its losses make likely in an hour."""
-STATUS_STALE_S = 30.0
+STATUS_STALE_S: Final = 30.0
 """Reports of the battery come every few seconds on a slow link."""
-MEMORY_SHARE_MIN = 0.05
+MEMORY_SHARE_MIN: Final = 0.05
 """Share of all memory. Below, Linux swaps and then kills processes."""
-DISK_MIN_BYTES = 200e6
+DISK_MIN_BYTES: Final = 200e6
 """A team of three writes this much in half an hour."""
-DESCRIPTORS_SHARE_MAX = 0.8
+DESCRIPTORS_SHARE_MAX: Final = 0.8
 """Share of the files and connections that a process may open. Strangers who connect to the bus use them up."""
 
 
@@ -154,7 +156,7 @@ def _without_setpoints(status: VehicleStatus, _limits: FailsafeSettings) -> str:
 RESUME = "by `resume`, refused while it lasts"
 BY_ITSELF = "by itself, once it is over"
 NOT_IN_THE_AIR = "not in the air"
-RESUMES_MAX = 3
+RESUMES_MAX: Final = 3
 """A vehicle resumes by itself so many times in a flight: a fault that returns more often is the operator's to judge."""
 _GRADUALLY = (Reaction.ASIDE, Reaction.HOLD, Reaction.LAND)
 

@@ -3,7 +3,7 @@
 from collections.abc import Container, Mapping
 from dataclasses import dataclass
 from math import inf
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
 from agents.notes import AlertChange
 from agents.safety.failsafe import OVERRIDES, RESUMES_MAX, TABLE, Condition, Reaction, Row, chosen, grace_s
@@ -27,11 +27,12 @@ _AMOUNTS_TO = {
     Tactic.PILOT_OVERRIDE: Reaction.HAND_OVER,
 }
 _STOPPED = (Tactic.ASIDE, Tactic.HOLD)
-_ROUNDING_S = 1e-9
-SETTLED_S = 0.5
-OUTLASTS_S = 1.0
+_ROUNDING_S: Final = 1e-9
+SETTLED_S: Final = 0.5
+OUTLASTS_S: Final = 1.0
 """A consequence that outlasts its cause by more is an alert of its own."""
-COUNTED_SHARE, COUNTED_MIN_S = 0.5, 2.0
+COUNTED_SHARE: Final = 0.5
+COUNTED_MIN_S: Final = 2.0
 """The end of a grace time is announced once this share of it has passed; shorter ones are over before it is read."""
 
 

@@ -2,6 +2,7 @@
 
 from collections.abc import Container, Iterable, Mapping
 from math import hypot, inf
+from typing import Final
 
 from agents.drops import NO_DROPS
 from agents.notes import ReferenceChange
@@ -19,12 +20,14 @@ from agents.team.clock_watch import ClockWatch
 from agents.team.perception import SOURCES_FROM
 from agents.team.team import Team
 
-COMPARED_S = 1.0
+COMPARED_S: Final = 1.0
 """The period at which clocks are checked for a slow drift."""
-SAME_HEIGHT_M = 1.0
+SAME_HEIGHT_M: Final = 1.0
 """Vehicles whose heights differ by less than this, or than half a layer, are at the same height."""
-_FLOOD_ENDS = 0.8
+_FLOOD_ENDS: Final = 0.8
 _JUMPED = "position jumped"
+_TARGET_STALE: Final = Condition.TARGET_STALE
+_ON_A_RING = (Tactic.ENCIRCLE, Tactic.TRANSIT)
 _IN_COMPANY = (Tactic.FORMATION, Tactic.ENCIRCLE, Tactic.TRANSIT, Tactic.EXCITE, Tactic.ASIDE, Tactic.HOLD)
 """During take-off and return vehicles are separated by layers and in time, and may be near each other."""
 
@@ -153,9 +156,9 @@ class FaultDetector:
             self._add(faults, now_s, Condition.BUS_FLOODED, self.bus_drops.text())
 
     def _check_target(self, faults: Faults, situation: Situation, tactic: Tactic, active: Container[Condition]) -> None:
-        on_ring, sighted_s = tactic in (Tactic.ENCIRCLE, Tactic.TRANSIT), self._targets.sighted_s
+        on_ring, sighted_s = tactic in _ON_A_RING, self._targets.sighted_s
         fading = on_ring and situation.now_s - sighted_s > COUNTED_SHARE * self._stale_after_s
-        if fading or (situation.target is None and (on_ring or Condition.TARGET_STALE in active)):
+        if fading or (situation.target is None and (on_ring or _TARGET_STALE in active)):
             faults[Condition.TARGET_STALE] = Symptom(sighted_s, f"not seen for {situation.now_s - sighted_s:.1f} s")
         jumped_s = self._target_jumps.see(self._targets.resets, situation.now_s, new=on_ring)
         if jumped_s is not None:

@@ -14,7 +14,7 @@ from agents.settings.sections import NoFlySection, SafetySettings
 from estimation.state import Vector
 
 Corner = tuple[float, float]
-_ON_EDGE_M = 1e-9
+_ON_EDGE_M: Final = 1e-9
 
 
 class NearestPoint:

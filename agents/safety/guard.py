@@ -23,8 +23,8 @@ from agents.tactics import Tactic
 from estimation.state import POSITION, Vector
 from estimation.vectors import Pair, clipped_pair
 
-_MET = 1e-9
-_PARALLEL = 1e-12
+_MET: Final = 1e-9
+_PARALLEL: Final = 1e-12
 
 
 class HalfPlane:
@@ -79,13 +79,13 @@ def _nearest_on_edge(wanted: Pair, radius: float, plane: HalfPlane, others: Iter
     return plane.least * normal_x - along * normal_y, plane.least * normal_y + along * normal_x
 
 
-_FREE = 1e20
-_KEPT_M = 1e-6
-_SOLVED_M = 5e-3
-_SIDES = 8
-_ELASTIC_WEIGHT = 100.0
-_EVADE_SHARE = 1.0
-_CHANGED_M = 0.01
+_FREE: Final = 1e20
+_KEPT_M: Final = 1e-6
+_SOLVED_M: Final = 5e-3
+_SIDES: Final = 8
+_ELASTIC_WEIGHT: Final = 100.0
+_EVADE_SHARE: Final = 1.0
+_CHANGED_M: Final = 0.01
 _BOUNDARIES = (Cause.FENCE, Cause.NO_FLY)
 _OF_BOUNDARIES = 4.0 / 3.0
 """By how much the margin at a boundary is larger: 4 standard deviations are exceeded in one direction in one case of
@@ -93,7 +93,7 @@ _OF_BOUNDARIES = 4.0 / 3.0
 """
 _CLOSED_WITHIN_M = ZONE_MARGIN_M / 2.0
 """A zone is closed for a vehicle that is less than this above or below it."""
-ROWS_MAX = 32
+ROWS_MAX: Final = 32
 """The number of demands in the relaxed problem: those that the planned aim violates most."""
 
 
@@ -138,7 +138,10 @@ class Guard:
     """Guards one vehicle's aims; its results depend on the inputs only."""
 
     def __init__(self, config: AgentConfig) -> None:
-        self._safety = config.safety
+        safety = self._safety = config.safety
+        # Read in every tick: as a machine number each costs a tenth of a setting.
+        self._guards, self._lead_max_m = safety.guard, safety.setpoint_lead_max_m
+        self._low_m, self._high_m = safety.altitude_min_m, safety.altitude_max_m
         self._axes = (config.plant.x, config.plant.y)
         self._area = Area(config.safety)
         self._qp: _ElasticQp | None = None
@@ -147,21 +150,23 @@ class Guard:
         self, situation: Situation, aim_m: Vector, bodies: Sequence[Body], traffic: Sequence[Body] = ()
     ) -> Guarded:
         """Return the aim nearest to `aim_m` (2,) that meets all demands: apart from own `bodies` and from `traffic`."""
-        position = situation.acting_motion[POSITION]
-        x, y = (aim_m - position).tolist()
-        lead = (x, y)
+        x, y, _, _ = situation.acting_motion.tolist()
+        aim_x, aim_y = aim_m.tolist()
+        lead = (aim_x - x, aim_y - y)
         reached = self._reached(lead)
-        rows = self._rows(situation, bodies, traffic, reached) if self._safety.guard else []
+        rows = self._rows(situation, bodies, traffic, reached) if self._guards else []
         missed = [row for row in rows if row.plane.missing(reached) > _KEPT_M]
         if missed:
             return self._kept(situation, lead, reached, rows, missed, bodies)
-        return Guarded(aim_m) if reached == lead else self._guarded(position, lead, reached, [], None)
+        if reached == lead:
+            return Guarded(aim_m)
+        return self._guarded(situation.acting_motion[POSITION], lead, reached, [], None)
 
     def altitude_m(self, planned_m: float, motion: Vector, height_m: float) -> float:
         """Return the altitude nearest to `planned_m` within the limits, above or below zones at a motion (4,)."""
-        if self._area.zones and self._safety.guard:
+        if self._area.zones and self._guards:
             planned_m = self._passing_m(planned_m, motion, height_m)
-        low, high = self._safety.altitude_min_m, self._safety.altitude_max_m
+        low, high = self._low_m, self._high_m
         planned_m = planned_m if high is None else min(planned_m, high)
         return planned_m if low is None else max(planned_m, low)
 
@@ -184,11 +189,11 @@ class Guard:
         bodies: Sequence[Body],
     ) -> Guarded:
         position, wanted = situation.acting_motion[POSITION], _evading(reached, missed)
-        kept = nearest(wanted, self._safety.setpoint_lead_max_m, [row.plane for row in rows])
+        kept = nearest(wanted, self._lead_max_m, [row.plane for row in rows])
         if kept is not None:
             return self._guarded(position, lead, kept, missed, None)
         if self._qp is None:
-            self._qp = _ElasticQp(self._safety.setpoint_lead_max_m)
+            self._qp = _ElasticQp(self._lead_max_m)
         if any(row.cause in _BOUNDARIES for row in rows):
             rows = self._with_margins(situation, rows, bodies)
         worst = sorted(rows, key=lambda row: -row.plane.missing(wanted))[:ROWS_MAX]
@@ -211,14 +216,14 @@ class Guard:
         if status is GuardStatus.CHANGED and hypot(kept[0] - lead[0], kept[1] - lead[1]) < _CHANGED_M:
             return Guarded(aim)
         causes = {row.cause for row in missed}
-        if hypot(*lead) > self._safety.setpoint_lead_max_m:
+        if hypot(*lead) > self._lead_max_m:
             causes.add(Cause.REACH)
         evaded = tuple(sorted({row.vehicle_id for row in missed if row.vehicle_id}))
         return Guarded(aim, status, tuple(sorted(causes)), yielded, evaded)
 
     def _reached(self, lead: Pair) -> Pair:
         """Limit the lead of the aim: a wrong estimate must not send the vehicle far away."""
-        return clipped_pair(lead, self._safety.setpoint_lead_max_m)
+        return clipped_pair(lead, self._lead_max_m)
 
     def _rows(self, situation: Situation, bodies: Sequence[Body], traffic: Sequence[Body], lead: Pair) -> list[_Row]:
         """Return the half-planes of the lead; none if this lead meets all demands, which is the usual case."""
@@ -237,7 +242,7 @@ class Guard:
         bounds: list[_Row] = []
         if self._area.fence is not None or self._area.zones:
             margin_m = _OF_BOUNDARIES * unsure_m(safety.uncertainty_sigmas, situation.boundary_sigma_m, 0.0)
-            within_m = safety.setpoint_lead_max_m + margin_m
+            within_m = self._lead_max_m + margin_m
             for points, cause in self._nearest(place, situation.height_m, within_m + safety.speed_max_m_s):
                 demands += within(points, velocity, margin_m, rate, cause)
                 # The aim stays there as well: a vehicle whose agent stops sending flies to it and stops.
@@ -368,9 +373,11 @@ class _ElasticQp:
         return bool(np.minimum(values - self._lower, self._upper - values).min() > -_SOLVED_M)
 
 
-QUIET_S = 5.0
+QUIET_S: Final = 5.0
 """After this long without an intervention the next one is reported again."""
-BENT_M, BENT_FOR_S, STRAIGHT_AFTER_S = 0.5, 3.0, 1.0
+BENT_M: Final = 0.5
+BENT_FOR_S: Final = 3.0
+STRAIGHT_AFTER_S: Final = 1.0
 """An aim is bent if it is moved by so much; on the way it is shown after so long, and until so long after the end."""
 _ON_THE_WAY = (Tactic.FORMATION, Tactic.ENCIRCLE, Tactic.TRANSIT, Tactic.EXCITE, Tactic.RETURN_AND_LAND)
 """In these tactics vehicles pass each other: a short evasion belongs to them."""

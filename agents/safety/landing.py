@@ -6,7 +6,7 @@ a pilot flies, that land, that fell silent, or that lie on the ground. One below
 
 from collections.abc import Iterator, Mapping, Sequence
 from math import dist, pi
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,16 +21,17 @@ from agents.team.messages import MemberState
 from estimation.state import Vector
 from estimation.vectors import Pair
 
-PAST = 1.25
+PAST: Final = 1.25
 """In separations, with the uncertainty beyond: a vehicle does not land past one in the air that is nearer."""
-ON_GROUND = 0.5
+ON_GROUND: Final = 0.5
 """In separations: how far from one on the ground a vehicle lands at least. Neither moves."""
-ASIDE = 1.5
+ASIDE: Final = 1.5
 """In separations: how far the place aside is from others and their landing places. Vehicles sway, pilots drift."""
-REACH = 20.0
+REACH: Final = 20.0
 """In separations: how far the place aside is searched for."""
-_STEP, _BEARINGS = 0.25, 48
-_SIGMAS_OF_BOUNDARIES = 4.0
+_STEP: Final = 0.25
+_BEARINGS: Final = 48
+_SIGMAS_OF_BOUNDARIES: Final = 4.0
 _PILOTED, _LANDS = Tactic.PILOT_OVERRIDE.value, Tactic.LAND.value
 
 

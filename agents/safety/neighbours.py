@@ -2,6 +2,7 @@
 
 from collections.abc import Container, Iterable, Sequence
 from math import hypot, sqrt
+from typing import Final
 
 from agents.safety.barriers import Body, unsure_m
 from agents.settings.config import AgentConfig
@@ -12,19 +13,20 @@ from agents.team.team import ring_of
 from estimation.state import Vector
 from estimation.vectors import Pair
 
-UNPUBLISHED_ACCELERATION_M_S2 = 2.0
+UNPUBLISHED_ACCELERATION_M_S2: Final = 2.0
 """The largest difference between a vehicle's acceleration and its last published plan."""
-GOING_ON_S = 1.0
+GOING_ON_S: Final = 1.0
 """A silent vehicle is predicted to follow its last published plan for this long."""
-UNMODELLED_M_S2 = 0.3
+UNMODELLED_M_S2: Final = 0.3
 """The largest lasting part of the acceleration between two vehicles that neither expects, with plants 20 % off.
 
 `barriers.apart` lets the distance fall short by it over the square of the barrier's rate (docs/notes/safety.md).
 """
-A_FEW = 3
-NEAR_FOR_S = 0.2
+A_FEW: Final = 3
+NEAR_FOR_S: Final = 0.2
 """The selection of near vehicles is valid for this long."""
-_MEETS_S, _MEETS = 2.5, 1.5
+_MEETS_S: Final = 2.5
+_MEETS: Final = 1.5
 """Prediction time, and distance in separations, within which others need this vehicle's states at the full rate."""
 _ENCIRCLES = Tactic.ENCIRCLE.value
 _TO_A_RING = (Tactic.ENCIRCLE.value, Tactic.TRANSIT.value)

@@ -18,22 +18,22 @@ from estimation.vectors import Pair
 
 ZONE_MARGIN_M: Final = 1.0
 """The room to a zone, across and in height, that plans keep at rest."""
-_PASSED_SHARE = 0.65
+_PASSED_SHARE: Final = 0.65
 """By speed over the barriers' rate: the room beyond that in which a vehicle passes a corner, and the guard need not
 slow it down.
 """
-_ARC_PARTS = 4
+_ARC_PARTS: Final = 4
 """The number of edges that round a quarter turn of a corner."""
-_WORLD_M = 1e6
-_TOUCHES_M = 1e-6
-_GRID_M = 1e-3
+_WORLD_M: Final = 1e6
+_TOUCHES_M: Final = 1e-6
+_GRID_M: Final = 1e-3
 """Corners of the graph are rounded to this, so that they do not depend on the last digits of a library."""
 WAY_SHARE: Final = 0.7
 """The share of its speed limit at which a vehicle flies around zones to a ring."""
-REACHED_M = 1.0
+REACHED_M: Final = 1.0
 DETOUR: Final = 2.0
 """A narrow way, in which the guard slows the vehicle down, is flown if any other is so many times as long."""
-_GOAL_MOVED_M = 0.5
+_GOAL_MOVED_M: Final = 0.5
 
 
 def heights_m(

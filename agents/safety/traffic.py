@@ -10,18 +10,19 @@ there, since anyone can transmit, leads no vehicle over them.
 
 from collections.abc import Iterable, Sequence
 from math import hypot
+from typing import Final
 
 from agents.safety.barriers import Body
 from agents.settings.config import AgentConfig
 from agents.situation.situation import Situation
 from agents.team.messages import TRAFFIC_MAX, Aircraft, MemberState
 
-AGED_S = 10.0
+AGED_S: Final = 10.0
 """ADS-B and Remote ID are sent once a second; after this time without a report an aircraft is forgotten."""
 _KNOWN_MAX = 2 * TRAFFIC_MAX
-_OURS_M = 15.0
+_OURS_M: Final = 15.0
 """The errors of two GPS receivers, and the way of a vehicle in a second."""
-_SHARED_S = 1.0
+_SHARED_S: Final = 1.0
 """How often the traffic is sent to peers and operators."""
 
 

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from math import hypot, inf
+from typing import Final
 
 from agents.ports import VehicleStatus
 from agents.safety.endurance import Endurance, WayHome, return_duration_s
@@ -14,8 +15,8 @@ from estimation.plant.model import Plant, exact_step
 from estimation.plant.watch import PlantWatch
 from estimation.state import DISTURBANCE, POSITION
 
-STEP_S = 0.5
-_LATE_MAX_S = 1.9
+STEP_S: Final = 0.5
+_LATE_MAX_S: Final = 1.9
 """The own filter keeps the setpoints of two seconds: after a longer pause the model restarts."""
 
 
@@ -72,7 +73,7 @@ class Following:
         self._time_s += STEP_S
 
 
-PERIOD_S = 1.0
+PERIOD_S: Final = 1.0
 """The period of its checks: the conditions are slow, and a check takes 7 µs."""
 _STEERED = (
     Tactic.FORMATION,
@@ -84,7 +85,8 @@ _STEERED = (
     Tactic.RETURN_AND_LAND,
 )
 _NOTHING: Mapping[Condition, str] = {}
-_STAGGERED, _STAGGER_S = 8, 0.35
+_STAGGERED: Final = 8
+_STAGGER_S: Final = 0.35
 """The vehicles of a process take turns in comparing plants, which takes a millisecond every ten seconds."""
 
 

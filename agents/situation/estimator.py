@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from math import hypot
+from typing import Final
 
 import numpy as np
 
@@ -16,10 +17,12 @@ from estimation.polar import Polar, polar_from_motion
 from estimation.state import DISTURBANCE, MOTION, POSITION, VELOCITY, Sighting, TargetEstimate, Telemetry, Vector
 from estimation.vectors import Pair, clipped
 
-_ACCELERATION_M_S2 = 0.8
-_RATE_PER_S = 0.8
-_SPEED_SHARE = 0.8
-_CAUGHT_M, _CAUGHT_M_S, _HAND_OVER_S = 0.5, 0.5, 5.0
+_ACCELERATION_M_S2: Final = 0.8
+_RATE_PER_S: Final = 0.8
+_SPEED_SHARE: Final = 0.8
+_CAUGHT_M: Final = 0.5
+_CAUGHT_M_S: Final = 0.5
+_HAND_OVER_S: Final = 5.0
 
 
 class TargetBlend:
@@ -76,9 +79,9 @@ class TargetBlend:
         return np.asarray(centre + share * away, dtype=np.float64)
 
 
-_FOLLOWS_S = 20.0
+_FOLLOWS_S: Final = 20.0
 """Time constant: longer than the noise in rate estimates lasts, at most one turn of a ring, 30 s to 2 min."""
-_OFF_MOST = 0.2
+_OFF_MOST: Final = 0.2
 """The largest deviation, as a share of the ring's rate: a vehicle on its way to the ring does not circle yet."""
 
 
@@ -100,7 +103,7 @@ class RingFrequency:
         self.rate_rad_s = self._share * ring_rad_s
 
 
-LINK_DELAY_MAX_S = 0.5
+LINK_DELAY_MAX_S: Final = 0.5
 """Delays beyond this are not predicted: the history of setpoints is short, and such a link is about to fail."""
 
 

@@ -8,25 +8,27 @@ from collections import deque
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from math import hypot, inf
+from typing import Final
 
 from agents.settings.config import AgentConfig
 from agents.team.messages import TOPICS, MemberState
 from agents.team.perception import SOURCES_FROM, SOURCES_TO
 from estimation.state import Sighting
 
-SEES_S = 1.0
+SEES_S: Final = 1.0
 """Own sightings are compared with others' sightings up to this long before and after them."""
-FRAMES_OFF_M = 1.0
+FRAMES_OFF_M: Final = 1.0
 """Standard deviation of the difference between two vehicles' position errors, which covariances of sightings omit."""
-CONTRADICTED, _COUNTED_MAX = 3, 6
+CONTRADICTED: Final = 3
+_COUNTED_MAX: Final = 6
 """A sensor is reported once this many more of its sightings contradict than agree: a single one may be an outlier."""
-CONTRADICTS_S = 5.0
+CONTRADICTS_S: Final = 5.0
 """How long a sensor stays reported after its last contradiction."""
-_OWN_MAX = 64
+_OWN_MAX: Final = 64
 _PERIOD_S = TOPICS[MemberState].period_s
-SIGHTINGS_HZ = 30.0
+SIGHTINGS_HZ: Final = 30.0
 """Sightings per second that the team sends in total; the rate of each sensor is also limited by its topic."""
-OBSERVES_S = 3.0
+OBSERVES_S: Final = 3.0
 """A sensor counts as seeing the target for this long after its last sighting."""
 
 
@@ -86,11 +88,18 @@ class OwnSensor:
         if not self._own:
             return ()
         newest = self._own[-1]
-        observers = sum([now_s - seen_s <= OBSERVES_S for seen_s in self._observed_s.values()])
-        if 0.0 <= newest.time_s - self._sent_s < max(_PERIOD_S, observers / SIGHTINGS_HZ) - self._early_s:
+        since_s = newest.time_s - self._sent_s
+        if 0.0 <= since_s < _PERIOD_S - self._early_s or 0.0 <= since_s < self._shared_period_s(now_s) - self._early_s:
             return ()
         self._sent_s = newest.time_s
         return (newest,) if self._compares else [each for each in self._own if each.time_s == newest.time_s]
+
+    def _shared_period_s(self, now_s: float) -> float:
+        """Return the period of sightings of each of the sensors that see the target."""
+        observers = 0
+        for seen_s in self._observed_s.values():
+            observers += now_s - seen_s <= OBSERVES_S
+        return observers / SIGHTINGS_HZ
 
     def contradictions(self, now_s: float) -> Mapping[int, Contradiction]:
         """Return the sensors that contradict the own one, by their ids."""

@@ -2,6 +2,7 @@
 
 from collections import deque
 from collections.abc import Mapping, Sequence
+from typing import Final
 
 from agents.settings.config import AgentConfig
 from estimation.filters.target import TargetFilter
@@ -11,7 +12,7 @@ from estimation.vectors import Pair
 
 NAMELESS = ""
 """Stands for the only target of a mission, which has no name."""
-_KEPT = 500
+_KEPT: Final = 500
 """The number of sightings that are kept: more than come in the time that an estimate depends on."""
 
 

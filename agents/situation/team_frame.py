@@ -8,6 +8,7 @@ sent to peers without the second part, so that no information is counted twice.
 
 from collections.abc import Mapping, Sequence
 from math import exp
+from typing import Final
 
 from msgspec.structs import replace
 
@@ -16,13 +17,13 @@ from estimation.filters.position_wander import FrameOffsets, PositionWander
 from estimation.state import Sighting, TargetEstimate, Telemetry
 from estimation.vectors import Pair
 
-_PREDICTED_S = 1.0
+_PREDICTED_S: Final = 1.0
 """The prediction period of the offsets without sightings."""
-_SMOOTHED_S = 0.3
+_SMOOTHED_S: Final = 0.3
 """Time constant with which the applied offset follows its estimate, so that a noisy sighting moves setpoints slowly."""
-_APART_M = 0.2
+_APART_M: Final = 0.2
 """The assumed offset between two vehicles' positions if their profiles state none: it adds to others' uncertainty."""
-_REPEATED = 2.5
+_REPEATED: Final = 2.5
 """The number of sightings of one sensor at 5 Hz within the window of the target filter's manoeuvre test."""
 
 

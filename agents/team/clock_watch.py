@@ -1,14 +1,15 @@
 """Detects clock steps and drifts of peers from the ages of their messages."""
 
 from dataclasses import dataclass
+from typing import Final
 
-STEP_S = 0.5
+STEP_S: Final = 0.5
 """A larger deviation from the usual age is a step [wall s]: above jitter, below what makes peers' plans invalid."""
-RECEIVED_WITHIN_S = 1.0
+RECEIVED_WITHIN_S: Final = 1.0
 """A peer without messages for this long is silent, not one with a stepped clock."""
-_FOLLOWING = 0.1
+_FOLLOWING: Final = 0.1
 """The share by which the usual age follows the present one, because networks get slower and faster."""
-_SETTLING_S = 5.0
+_SETTLING_S: Final = 5.0
 """The usual age this long after a peer's first message is the reference for slow drifts."""
 
 

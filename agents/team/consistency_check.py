@@ -8,6 +8,7 @@ another steady track takes its place. The guard keeps clear of the positions of 
 from collections.abc import Container, Mapping
 from dataclasses import dataclass
 from math import hypot
+from typing import Final
 
 from agents.settings.sections import SafetySettings
 from agents.settings.tuning import SETPOINTS_FASTER
@@ -15,24 +16,31 @@ from agents.tactics import Tactic
 from agents.team.clock_watch import ClockWatch
 from agents.team.messages import TOPICS, MemberState, Metres2
 
-SIGMAS, SIGMA_MAX_M = 4.0, 1.0
+SIGMAS: Final = 4.0
+SIGMA_MAX_M: Final = 1.0
 """The position tolerance in published standard deviations, and the largest standard deviation that is used."""
-TIMING_S = 0.5
+TIMING_S: Final = 0.5
 """The largest error of a time stamp that clock step detection does not find."""
-AGILE = 2.0
+AGILE: Final = 2.0
 """The largest acceleration in multiples of `safety.acceleration_max_m_s2`: a gust, or an autopilot that brakes.
 """
-VELOCITY_OFF_M_S, SPEED_OFF_M_S = 2.0, 1.0
+VELOCITY_OFF_M_S: Final = 2.0
+SPEED_OFF_M_S: Final = 1.0
 """Tolerances beyond the limits, for the noise of an estimate."""
-CLIMB_MAX_M_S, ALTITUDE_OFF_M = 6.0, 2.0
-CONFIRMED = 3
+CLIMB_MAX_M_S: Final = 6.0
+ALTITUDE_OFF_M: Final = 2.0
+CONFIRMED: Final = 3
 """The number of contradictions that are reported, and of consistent states that confirm a track: one may be a fault."""
-TRACKS_MAX = 4
-REPORTED_FOR_S = 5.0
+TRACKS_MAX: Final = 4
+REPORTED_FOR_S: Final = 5.0
 """A peer is doubtful for this long after its last contradiction."""
-_KEPT = 0.98
+_KEPT: Final = 0.98
 """The decay factor, per state, of the accumulated difference between positions and velocities: it fades in seconds."""
-_SOON_S, _QUITE_M, _QUITE_M_S, _CRUISE_M_S, _CLIMBED_M = 1.0, 0.5, 1.0, 5.0, 0.3
+_SOON_S: Final = 1.0
+_QUITE_M: Final = 0.5
+_QUITE_M_S: Final = 1.0
+_CRUISE_M_S: Final = 5.0
+_CLIMBED_M: Final = 0.3
 """Bounds of the fast check: the time between states, and the changes along each axis."""
 _AGE_MAX_S = TOPICS[MemberState].age_max_s
 _PILOT = Tactic.PILOT_OVERRIDE.value

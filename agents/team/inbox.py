@@ -4,12 +4,13 @@ An operator's command is accepted whatever its date: the command handler answers
 """
 
 from collections.abc import Collection
+from typing import Final
 
 from agents.drops import DropCounter, Reason
 from agents.team.clock_watch import ClockWatch
 from agents.team.messages import TOPICS, BusMessage, MemberState, OperatorCommand
 
-_CLOCK_AHEAD_MAX_S = 1.0
+_CLOCK_AHEAD_MAX_S: Final = 1.0
 
 
 class Inbox:

@@ -2,15 +2,17 @@
 
 from collections.abc import Callable, Iterable
 from math import inf, sqrt, tau
+from typing import Final
 from zlib import crc32
 
 import msgspec
 
 from agents.team.messages import NeighbourAngle
 
-BESIDE_FOR_S = 0.2
+BESIDE_FOR_S: Final = 0.2
 """How long what is found among all engaged peers is valid: the period of their states."""
-_ALONG_M, _RADIUS_M = 3.0, 0.5
+_ALONG_M: Final = 3.0
+_RADIUS_M: Final = 0.5
 """How far vehicles may move past each other meanwhile, along the ring and across it."""
 
 
@@ -94,14 +96,18 @@ class RingMembers:
 
         They are those up to the next one whose radius differs by less than `within_m`, and those about as near as it.
         """
-        ahead_rad = {each.sender: (_bearing_rad(each, at_s) - bearing_rad) % tau for each in self._on_ring()}
-        abreast_m = within_m - _RADIUS_M
-        next_rad = [ahead_rad[each.sender] for each in self._on_ring() if abs(each.radius_m - radius_m) < abreast_m]
+        ahead_rad, next_rad, abreast_m = list[float](), list[float](), within_m - _RADIUS_M
+        for each in self._on_ring():
+            each_rad = (_bearing_rad(each, at_s) - bearing_rad) % tau
+            ahead_rad.append(each_rad)
+            if abs(each.radius_m - radius_m) < abreast_m:
+                next_rad.append(each_rad)
         if not next_rad:
             return self._ids
         about_rad = _ALONG_M / max(radius_m, within_m)
         lead_rad, lag_rad = min([each or tau for each in next_rad]) + about_rad, max(next_rad) - about_rad
-        return tuple([sender for sender, each_rad in ahead_rad.items() if not lead_rad < each_rad < lag_rad])
+        by_id = zip(self._ids, ahead_rad, strict=True)
+        return tuple([sender for sender, each_rad in by_id if not lead_rad < each_rad < lag_rad])
 
     def bearings_rad(self, at_s: float, of: Iterable[int]) -> list[float]:
         """Return the bearings of engaged peers at a time, extrapolated at their published rates - (25), (26)."""
@@ -122,13 +128,16 @@ class RingMembers:
             if (off_m := abs(angle.radius_m - radius_m)) < within_m
         ]
 
-    def others(self, at_s: float) -> list[tuple[int, float, float]]:
-        """Return of all engaged peers with a reference: id, its bearing at a time at its published rate, and radius."""
-        return [
-            (each.sender, each.reference_rad + each.reference_rate_rad_s * (at_s - each.time_s), each.radius_m)
-            for each in self._on_ring()
-            if each.reference_rad is not None
-        ]
+    def others(self, at_s: float) -> tuple[list[int], list[float], list[float]]:
+        """Return the engaged peers with a reference: ids, its bearings at a time at its published rate, and radii."""
+        ids, bearings_rad, radii_m = list[int](), list[float](), list[float]()
+        for each in self._on_ring():
+            reference_rad = each.reference_rad
+            if reference_rad is not None:
+                ids.append(each.sender)
+                bearings_rad.append(reference_rad + each.reference_rate_rad_s * (at_s - each.time_s))
+                radii_m.append(each.radius_m)
+        return ids, bearings_rad, radii_m
 
     def references(self, own_id: int) -> int:
         """Return a digest of the vehicles whose references the law takes into account, the own included; never 0."""

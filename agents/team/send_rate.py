@@ -6,20 +6,26 @@ the number of vehicles, and allows for the loss of a state.
 """
 
 from math import hypot, inf
+from typing import Final
 
 from agents.tactics import Tactic
 from agents.team.messages import TOPICS, MemberState, NeighbourAngle, RingChoice
-from estimation.frames import wrap_signed_rad
+from estimation.vectors import wrap_signed_rad
 
-HEARTBEAT_S = 0.2
+HEARTBEAT_S: Final = 0.2
 """The period of states that continue as predicted: a sender is gone after ten of them are missing."""
-_AGAIN_S = 0.5
+_AGAIN_S: Final = 0.5
 """A change is repeated at the full rate for this long, because messages get lost."""
-_POSITION_M, _VELOCITY_M_S, _ALTITUDE_M, _SIGMA_M = 0.1, 0.2, 0.2, 0.1
+_POSITION_M: Final = 0.1
+_VELOCITY_M_S: Final = 0.2
+_ALTITUDE_M: Final = 0.2
+_SIGMA_M: Final = 0.1
 """The largest differences from the predicted state: at least three standard deviations with noisy telemetry."""
-_FOLLOWED_M, _AIM_M = 0.1, 0.5
+_FOLLOWED_M: Final = 0.1
+_AIM_M: Final = 0.5
 """The same for the aim: in formation, where followers keep station on it, and where only the guard uses it."""
-_REFERENCE_M, _SHARE = 0.02, 0.01
+_REFERENCE_M: Final = 0.02
+_SHARE: Final = 0.01
 """The same for the reference along the ring, and for the shares of the ring that a vehicle can fly."""
 _FORMATION = Tactic.FORMATION.value
 

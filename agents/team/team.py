@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable, Mapping, Sequence
 from math import hypot, inf
+from typing import Final
 
 from agents.tactics import Tactic
 from agents.team.consistency_check import ConsistencyCheck, Inconsistency
@@ -12,14 +13,14 @@ from estimation.state import Vector
 
 _SILENT_S = TOPICS[MemberState].age_max_s
 """A peer that is not received for this long is silent: the guard assumes that it does not evade."""
-GONE_S = 2.0
+GONE_S: Final = 2.0
 """After this it is gone: it is no member any more, and its place is taken. Ten of its states are then missing."""
 _IN_FORMATION, _ON_RING = Tactic.FORMATION.value, Tactic.ENCIRCLE.value
 _LEAVING = (Tactic.LAND.value, Tactic.PILOT_OVERRIDE.value)
 """Peers with one of these tactics in their last state are expected to fall silent."""
-_WATCHED_MAX_S = 1.0
+_WATCHED_MAX_S: Final = 1.0
 """A selection of near peers that seems valid for longer dates from before a step of the clock."""
-_FAR_PERIOD_S = 0.75
+_FAR_PERIOD_S: Final = 0.75
 """The period at which states of a distant peer with an unchanged task are processed."""
 
 

@@ -13,6 +13,7 @@ from bisect import bisect_right
 from collections.abc import Iterable
 from functools import lru_cache, partial
 from math import cos, exp, hypot, inf, sin
+from typing import Final
 
 import msgspec
 import numpy as np
@@ -30,14 +31,17 @@ from estimation.filters.axial import (
 from estimation.plant.model import Plant, PlantAxis, exact_step
 from estimation.settings import OwnFilterSettings
 from estimation.state import STEP_DIGITS, AxisSpread, OwnEstimate, Telemetry, Vector
+from estimation.vectors import rounded
 
-RISE_S, FALL_S = 1.0, 6.0
+RISE_S: Final = 1.0
+FALL_S: Final = 6.0
 """Time constants of the average: it rises fast and falls slowly."""
-FULL_UP_TO, LEAST_FROM = 4.0, 16.0
+FULL_UP_TO: Final = 4.0
+LEAST_FROM: Final = 16.0
 """Averages up to which a filter has full authority, and from which it has the least. Because the average rises faster
 than it falls, it is 1.7 for a consistent filter: the bounds are errors 1.5 times and 3 times as large as expected.
 """
-AUTHORITY_LEAST = 0.1
+AUTHORITY_LEAST: Final = 0.1
 
 
 class Consistency:
@@ -71,13 +75,14 @@ class Consistency:
         self._mean += (1.0 - exp(-step_s / over_s)) * (squared - self._mean)
 
 
-_HISTORY_S = 2.0
-_MEASURED = 4
-PRIOR_M_S2 = 0.3
+_HISTORY_S: Final = 2.0
+_MEASURED: Final = 4
+PRIOR_M_S2: Final = 0.3
 """Prior standard deviation of each part of the disturbance."""
-OSCILLATOR_WALK_SHARE = 0.5
+OSCILLATOR_WALK_SHARE: Final = 0.5
 """Random walk of the oscillating part relative to the steady one: plant errors change less than the wind."""
-JUMP_M, ACCELERATION_MAX_M_S2 = 1.0, 10.0
+JUMP_M: Final = 1.0
+ACCELERATION_MAX_M_S2: Final = 10.0
 """A position has jumped if it moves between two samples by more than this beyond what velocity and thrust allow."""
 
 _Pair = tuple[float, float]
@@ -90,9 +95,11 @@ class OwnFilter:
     """
 
     def __init__(self, plant: Plant, settings: OwnFilterSettings) -> None:
-        self._settings = settings
         self._noise = settings.position_noise_m**2, settings.velocity_noise_m_s**2
         self._gate_squared = settings.gate_sigma**2 * _MEASURED
+        # Read in every tick: as a machine number each costs a tenth of a setting.
+        self._outlier_squared, self._gate_timeout_s = settings.gate_sigma**2, settings.gate_timeout_s
+        self._disturbance_max_m_s2 = settings.disturbance_max_m_s2
         self._steps = lru_cache(maxsize=1024)(partial(_steps, plant, settings))
         self._inputs = _InputHistory(plant.delay_s)
         self._plant_delay_s = plant.delay_s
@@ -140,7 +147,7 @@ class OwnFilter:
         step_s = time_s - self._time_s
         prior = self._axes_at(time_s)
         axes, squared = updated_axes(prior, (x_m, y_m), (x_rate, y_rate), self._noise)
-        self._consistency.see(squared / _MEASURED, step_s, self._settings.gate_sigma**2)
+        self._consistency.see(squared / _MEASURED, step_s, self._outlier_squared)
         self._time_s = time_s
         if squared <= self._gate_squared:  # false for NaN
             self._accept(axes)
@@ -151,7 +158,7 @@ class OwnFilter:
         if self._refused_since_s == inf:
             self._refused_since_s = time_s
             self._jumped = jump is not None
-        if time_s - self._refused_since_s > self._settings.gate_timeout_s:
+        if time_s - self._refused_since_s > self._gate_timeout_s:
             # The estimate is invalid: the autopilot's estimator has jumped, or the plant is wrong.
             self.resets += 1
             self.jumps += self._jumped
@@ -161,7 +168,7 @@ class OwnFilter:
         """Count a jump of the height, which is not estimated here, once it has lasted for `gate_timeout_s`."""
         if jump_m:
             self._risen_m, self._risen_s = self._risen_m + jump_m, time_s
-        if time_s - self._risen_s > self._settings.gate_timeout_s:
+        if time_s - self._risen_s > self._gate_timeout_s:
             self.jumps += abs(self._risen_m) > JUMP_M
             self._risen_m, self._risen_s = 0.0, inf
 
@@ -206,7 +213,7 @@ class OwnFilter:
         to be ahead of the last one by the distance that the vehicle flies in this time. Requires telemetry.
         """
         assert self._axes is not None
-        step_s = round(at_s - self._time_s, STEP_DIGITS)
+        step_s = rounded(at_s - self._time_s, STEP_DIGITS)
         steps, rotation = self._steps(self._is_oscillating, step_s), self._rotation(step_s)
         unsent = self._steps(self._is_oscillating, unsent_s)
         means_m, slopes_m_s = self._inputs.ramp(self._time_s, at_s)
@@ -234,7 +241,7 @@ class OwnFilter:
 
     def _axes_at(self, to_s: float) -> Axes:
         assert self._axes is not None
-        step_s = round(to_s - self._time_s, STEP_DIGITS)
+        step_s = rounded(to_s - self._time_s, STEP_DIGITS)
         if step_s <= 0.0:
             return self._axes
         steps, rotation = self._steps(self._is_oscillating, step_s), self._rotation(step_s)
@@ -264,12 +271,12 @@ class OwnFilter:
 
     def _accept(self, axes: Axes) -> None:
         """Limit each part of the disturbance to the bound (anti-windup), the largest value that is compensated."""
-        limit = self._settings.disturbance_max_m_s2
+        limit = self._disturbance_max_m_s2
         self._axes = _bounded(axes[0], limit), _bounded(axes[1], limit)
 
     def _disturbance(self, x_m_s2: float, y_m_s2: float) -> _Pair:
         """Return the sum of the disturbance's parts, limited to the bound."""
-        limit = self._settings.disturbance_max_m_s2
+        limit = self._disturbance_max_m_s2
         return min(max(x_m_s2, -limit), limit), min(max(y_m_s2, -limit), limit)
 
 

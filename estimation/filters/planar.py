@@ -10,7 +10,7 @@ from typing import Final, NamedTuple
 
 from estimation.state import PlanarSpread
 
-LEAST_M2 = 1e-9
+LEAST_M2: Final = 1e-9
 """Lower bound of an innovation's variance: rounding must not make it negative."""
 
 

@@ -16,18 +16,19 @@ mean, zero. Both axes have the same covariance; sightings are used with the mean
 """
 
 from math import exp, hypot, sqrt
+from typing import Final
 
 import numpy as np
 
 from estimation.settings import OwnFilterSettings
 from estimation.state import Sighting, Telemetry, Vector
 
-_REFERENCE_S = 1.0
+_REFERENCE_S: Final = 1.0
 """Correlation time of the error of the predicted target, whose filter follows within about a second."""
 _CLIP_SQUARED = 2.0 * 3.0**2
 _GATE_SQUARED = 2.0 * 5.0**2
 """Thresholds of the squared innovation over both axes: above the first the weight is reduced, above the second 0."""
-_FIXED_FOR_S = 5.0
+_FIXED_FOR_S: Final = 5.0
 """A sensor without frame error fixes the sum for this long after its last sighting."""
 
 
@@ -120,7 +121,7 @@ class FrameOffsets:
         covariance -= np.multiply.outer(across, across) / innovation_m2
 
 
-_BOUND_SIGMAS = 3.0
+_BOUND_SIGMAS: Final = 3.0
 """Bound of the estimate, which a velocity with a steady error would otherwise exceed."""
 
 

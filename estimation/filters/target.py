@@ -27,20 +27,25 @@ from estimation.filters.planar import (
 )
 from estimation.settings import TargetFilterSettings
 from estimation.state import STEP_DIGITS, Sighting, TargetEstimate
+from estimation.vectors import rounded
 
-OUT_OF_SIGHT_S = 1.0
+OUT_OF_SIGHT_S: Final = 1.0
 """A target not sighted for longer may have turned or stopped since."""
-HISTORY_MAX = 256
+HISTORY_MAX: Final = 256
 """The largest number of stored sightings, which bounds the cost of a late one."""
-_SEGMENT_S, _SEGMENT_MAX = 0.05, 32
+_SEGMENT_S: Final = 0.05
+_SEGMENT_MAX: Final = 32
 """One track per this time, or per this many sightings, is stored, to restart from for a late sighting."""
 
-_FADING_S = 0.5
-_CLIP_SIGMA = 3.0
-_MANOEUVRE_THRESHOLD, _MANOEUVRE_THRESHOLD_AGAIN = 20.0, 16.0
+_FADING_S: Final = 0.5
+_CLIP_SIGMA: Final = 3.0
+_MANOEUVRE_THRESHOLD: Final = 20.0
+_MANOEUVRE_THRESHOLD_AGAIN: Final = 16.0
 """Thresholds of the fading-memory innovation test, chi-squared with two degrees of freedom: exceeded by chance in 1 of
 20 000 samples, or of 3000 for a target that has manoeuvred before and is likely to do so again."""
-_ONSET_S, _MANOEUVRING_S, _MANOEUVRES_AGAIN_S = 0.5, 8.0, 40.0
+_ONSET_S: Final = 0.5
+_MANOEUVRING_S: Final = 8.0
+_MANOEUVRES_AGAIN_S: Final = 40.0
 
 
 class _FadingInnovation:
@@ -125,6 +130,10 @@ class TargetFilter:
 
     def __init__(self, settings: TargetFilterSettings) -> None:
         self._settings = settings
+        # Read in every tick: as a machine number each costs a tenth of a setting.
+        self._stale_after_s, self._late_max_s = settings.stale_after_s, settings.late_max_s
+        self._steady_m2_s4 = settings.acceleration_noise_m_s2**2
+        self._manoeuvring_m2_s4 = settings.manoeuvre_acceleration_m_s2**2
         self._track: _Track | None = None
         self._segments: list[_Segment] = []
         self._kept = 0
@@ -152,7 +161,7 @@ class TargetFilter:
     def estimate(self, now_s: float) -> TargetEstimate | None:
         """Return the estimate at `now_s`; None if there is none, or its newest sighting is stale."""
         track = self._track
-        if track is None or now_s - track.accepted_s > self._settings.stale_after_s:
+        if track is None or now_s - track.accepted_s > self._stale_after_s:
             return None
         motion = self._motion_at(track, max(now_s, track.motion.time_s))
         mean, spread = np.array((motion.x, motion.y, motion.u, motion.v)), motion.spread.upper
@@ -205,7 +214,7 @@ class TargetFilter:
     def _fresh(self, sightings: Sequence[Sighting]) -> list[Sighting]:
         """Return the sightings that are not too late, in order of time; repeats are detected later."""
         newest_s = -inf if self._track is None else self._track.sighting.time_s
-        from_s = max(newest_s - self._settings.late_max_s, self._dropped_before_s)
+        from_s = max(newest_s - self._late_max_s, self._dropped_before_s)
         fresh = [
             each
             for each in sorted(sightings, key=_when)
@@ -334,20 +343,20 @@ class TargetFilter:
         if to_s <= motion.time_s:
             return motion
         out_of_sight_s = max(track.accepted_s + OUT_OF_SIGHT_S, motion.time_s)
-        step_s = round(min(to_s, out_of_sight_s) - motion.time_s, STEP_DIGITS)
+        step_s = rounded(min(to_s, out_of_sight_s) - motion.time_s, STEP_DIGITS)
         if step_s > 0.0:
             # A manoeuvre is likely to be followed by another. Rounded, so that cached steps are reused.
-            manoeuvring = round(exp(min(track.manoeuvre_s - motion.time_s, 0.0) / _MANOEUVRING_S), 2)
-            density = settings.acceleration_noise_m_s2**2 + manoeuvring * settings.manoeuvre_acceleration_m_s2**2
+            manoeuvring = rounded(exp(min(track.manoeuvre_s - motion.time_s, 0.0) / _MANOEUVRING_S), 2)
+            density = self._steady_m2_s4 + manoeuvring * self._manoeuvring_m2_s4
             motion = predicted(motion, min(to_s, out_of_sight_s), _straight(density, step_s))
-        step_s = round(to_s - out_of_sight_s, STEP_DIGITS)
+        step_s = rounded(to_s - out_of_sight_s, STEP_DIGITS)
         if step_s > 0.0:
             motion = predicted(motion, to_s, _ornstein_uhlenbeck(settings.velocity_prior_m_s, settings.coast_s, step_s))
         return motion
 
     def _drop_old(self, newest_s: float) -> None:
         # One track older than the window is kept, to restart from for a late sighting or a manoeuvre.
-        before_s, segments = newest_s - self._settings.late_max_s - _ONSET_S, self._segments
+        before_s, segments = newest_s - self._late_max_s - _ONSET_S, self._segments
         while len(segments) > 1 and (segments[1].from_s < before_s or self._kept > HISTORY_MAX):
             self._kept -= len(segments[0].sightings)
             del segments[0]

@@ -4,6 +4,7 @@ Without further sightings the estimate is constant.
 """
 
 from math import inf
+from typing import Final
 
 import numpy as np
 from filterpy import kalman
@@ -11,7 +12,7 @@ from filterpy import kalman
 from estimation.settings import TargetFilterSettings
 from estimation.state import Sighting, Vector
 
-RANDOM_WALK_M = 0.5
+RANDOM_WALK_M: Final = 0.5
 """Random walk of the altitude per square root of a second: a climb of 1 m/s is followed with a lag of 0.5 s."""
 _OBSERVATION = np.eye(1)
 

@@ -22,16 +22,18 @@ from estimation.filters.planar import LEAST_M2, Motion
 from estimation.filters.target import HISTORY_MAX, TargetFilter, TrackFit
 from estimation.settings import TargetFilterSettings
 from estimation.state import STEP_DIGITS, Sighting, TargetEstimate
+from estimation.vectors import rounded
 
-CONFIRM_SIGHTINGS, CONFIRM_WITHIN_S = 3, 1.5
+CONFIRM_SIGHTINGS: Final = 3
+CONFIRM_WITHIN_S: Final = 1.5
 """A tentative track is confirmed by this many sightings within this time, and dropped when none comes for as long."""
-TENTATIVE_GATE = 9.0
+TENTATIVE_GATE: Final = 9.0
 """The gate of tentative tracks, chi-squared with two degrees of freedom: 99 % of the sound sightings pass it. A wider
 one confirms tracks of outliers."""
-RESOLVED_SIGMA = 2.0
+RESOLVED_SIGMA: Final = 2.0
 """Tracks closer than this, in standard deviations of the difference of two sightings, may exchange their targets: the
 sightings of two targets at exactly this distance are assigned the wrong way round with a probability of 2.3 %."""
-_CHECKPOINT_S = 0.05
+_CHECKPOINT_S: Final = 0.05
 
 
 class PossibleExchange(msgspec.Struct, frozen=True):
@@ -377,7 +379,7 @@ def _pair(one: str, other: str) -> tuple[str, str]:
 
 def _between(from_s: float, to_s: float) -> float:
     """Return a difference of times in whole milliseconds: rounding must not decide about a limit."""
-    return round(to_s - from_s, STEP_DIGITS)
+    return rounded(to_s - from_s, STEP_DIGITS)
 
 
 def _squared_separation(one: Motion, other: Motion, sighting: Sighting) -> float:

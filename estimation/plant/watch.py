@@ -15,32 +15,34 @@ from dataclasses import dataclass, replace
 from functools import lru_cache
 from itertools import product
 from math import inf
-from typing import Literal, NamedTuple
+from typing import Final, Literal, NamedTuple
 
 import numpy as np
 
 from estimation.plant.model import Plant, PlantAxis, PlantStep, exact_step
 from estimation.state import Vector
 
-STEP_S = 0.1
-WINDOW_S = 10.0
+STEP_S: Final = 0.1
+WINDOW_S: Final = 10.0
 SHARES = (0.6, 0.75, 1.0, 1.33, 1.67)
 """The factors of stiffness and damping of the other plants."""
 DELAYS_S = (-0.2, -0.1, 0.0, 0.1, 0.2)
-DELAY_MAX_S, DELAY_STEP_S = 1.0, 0.02
-WINDOWS_LEAST, WINDOWS_IN_FLIGHT = 4, 6
+DELAY_MAX_S: Final = 1.0
+DELAY_STEP_S: Final = 0.02
+WINDOWS_LEAST: Final = 4
+WINDOWS_IN_FLIGHT: Final = 6
 """The fewest windows that are compared, in which another plant has to be better; and the newest that are, in flight."""
-MOVED_LEAST_M = 0.3
+MOVED_LEAST_M: Final = 0.3
 """The smallest motion of the setpoint (rms, about a straight line) in a window that is used."""
-AGAIN_SHARE = 0.7
+AGAIN_SHARE: Final = 0.7
 """Another plant is better where it leaves less than this share of the residual of the profile's plant (rms): half of
 the variance. In closed loop, noise alone favours a softer plant: the drift of PX4's estimate gives 0.9."""
-MATTERS_SHARE = 0.17
+MATTERS_SHARE: Final = 0.17
 """Another plant is better where it explains more than this share of the setpoint's motion besides (rms, about a
 straight line). On a ring that is a lag that is off by a quarter: what is less, the disturbance's estimate covers."""
 _COUNT = round(WINDOW_S / STEP_S)
-_NEAR_S = 1.0
-_FREE = 3
+_NEAR_S: Final = 1.0
+_FREE: Final = 3
 _AXES = ((0, 2), (1, 3))
 """Position and velocity along x and y in a state [x y x' y']."""
 Difference = Literal["stiffer", "softer"]

@@ -9,7 +9,8 @@ from mavsdk.exceptions import MavsdkError
 from mavsdk.plugins.mocap import AngleBody, Covariance, Mocap, PositionBody, VisionPositionEstimate
 
 from agents.team.external_positions import OLD_S, ExternalPosition
-from estimation.frames import MissionFrame, Triple, wrap_signed_rad
+from estimation.frames import MissionFrame, Triple
+from estimation.vectors import wrap_signed_rad
 from gcs.link.rates import EXTERNAL_HZ
 
 NO_EXTERNAL_POSITION = "no position from outside"

@@ -15,7 +15,8 @@ from mavsdk.plugins.gimbal import ControlMode, GimbalMode, SendMode
 from mavsdk.plugins.gimbal import Gimbal as GimbalPlugin
 
 from agents.team.messages import CameraView
-from estimation.frames import MissionFrame, Triple, wrap_signed_rad
+from estimation.frames import MissionFrame, Triple
+from estimation.vectors import wrap_signed_rad
 from gcs.link.relay.frames import STATION_COMPONENT, STATION_SYSTEM
 
 FOUND_WITHIN_S = 8.0

@@ -21,8 +21,9 @@ from agents.ports import Connection, FlightMode, Setpoint, VehicleRefusedError, 
 from agents.shell.clock import LinkTransit, MissionClock
 from agents.team.external_positions import ExternalPosition
 from agents.team.messages import CameraView
-from estimation.frames import MissionFrame, Triple, wrap_signed_rad
+from estimation.frames import MissionFrame, Triple
 from estimation.state import Telemetry
+from estimation.vectors import wrap_signed_rad
 from gcs.link.calls import VehicleCalls, choose_guided, find_origin
 from gcs.link.config import LinkConfig
 from gcs.link.external_position import NO_EXTERNAL_POSITION, ExternalPositionSender

@@ -5,7 +5,8 @@ In a local frame north is that of the vehicles' NED.
 
 from math import pi
 
-from estimation.frames import MissionFrame, Triple, wrap_signed_rad
+from estimation.frames import MissionFrame, Triple
+from estimation.vectors import wrap_signed_rad
 
 MAP = "map"
 """The name of the world-fixed frame (REP 105)."""

@@ -10,9 +10,10 @@ from math import pi
 
 import numpy as np
 
-from estimation.frames import Triple, wrap_signed_rad
+from estimation.frames import Triple
 from estimation.plant.model import Plant, exact_step
 from estimation.state import POSITION, VELOCITY, Vector
+from estimation.vectors import wrap_signed_rad
 from sitl.vehicle.shaping import ShapedStep, ShapeLimits
 
 STEP_S = 0.02

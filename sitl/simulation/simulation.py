@@ -9,7 +9,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from math import expm1, hypot, inf
 from time import perf_counter
-from typing import Any, Generic, NamedTuple, Protocol, TypeVar
+from typing import Any, Final, Generic, NamedTuple, Protocol, TypeVar
 
 import msgspec
 import numpy as np
@@ -22,7 +22,7 @@ from sitl.vehicle.body import VehicleBody
 from sitl.vehicle.imperfections import IDEAL, EstimatorDrift, Imperfections, TelemetrySchedule
 from sitl.vehicle.plant_step import Motion, Pair, StepFunction
 
-LANDED_AFTER_S = 15.0
+LANDED_AFTER_S: Final = 15.0
 """The time in the air of a vehicle whose agent has ended: it hovers, and its autopilot lands it."""
 
 
@@ -288,11 +288,11 @@ class SimulatedVehicle(Generic[OutputT]):
         return Telemetry(at_s, (x + off_x, y + off_y, self.altitude_m), (x_rate, y_rate, CLIMB_PER_S * self._left_m))
 
 
-CLIMB_PER_S = 0.62
+CLIMB_PER_S: Final = 0.62
 """Climb rate per metre of altitude error, as for the stub vehicles (sitl/autopilot/airframe.py)."""
 _WIND, _DRIFT, _TELEMETRY = range(3)
 """Each random process has its own generator, so that disabling one does not change the others."""
-_ROUNDING_S = 1e-9
+_ROUNDING_S: Final = 1e-9
 """A delay of whole ticks ends on a tick in spite of rounding."""
 
 
@@ -342,13 +342,14 @@ class _Network:
             kept = [message for message in messages if next(self._uniforms) >= each_loss[receiver]]
             self._flying.append(_Flying(arrive_s, kept, (receiver,)))
 
-    def arrived(self, now_s: float) -> list[list[object]]:
-        """Return and remove the messages that have arrived, by receiver."""
+    def arrived(self, now_s: float, taken: Callable[[float, Any], object]) -> list[list[object]]:
+        """Return and remove the messages that have arrived, by receiver, each as `taken` makes it for all of them."""
         arrived: list[list[object]] = [[] for _ in self._others]
         while self._flying and self._flying[0].arrive_s <= now_s + _ROUNDING_S:
             _, messages, receivers = self._flying.popleft()
+            items = [taken(now_s, message) for message in messages]
             for receiver in receivers:
-                arrived[receiver] += messages
+                arrived[receiver] += items
         return arrived
 
 
@@ -396,6 +397,10 @@ class _Truth:
         )
 
 
+def _nothing(*_: object) -> None:
+    """Do nothing: mypyc compiles no such lambda."""
+
+
 def simulate(
     vehicles: Sequence[SimulatedVehicle[OutputT]],
     network: NetworkModel,
@@ -406,8 +411,8 @@ def simulate(
     inputs: Inputs,
     observe: Callable[[int, int, OutputT], None],
     progress: Callable[[float], None],
-    move_target: Callable[[float, Sequence[Motion]], None] = lambda *_: None,
-    intervene: Callable[[int, float], NetworkModel | None] = lambda *_: None,
+    move_target: Callable[[float, Sequence[Motion]], None] = _nothing,
+    intervene: Callable[[int, float], NetworkModel | None] = _nothing,
 ) -> SimulatedFlight:
     """Fly all vehicles from time 0 for `duration_s`; `observe(tick, vehicle, output)` is called for every tick.
 
@@ -425,14 +430,14 @@ def simulate(
         motions = truth.note(tick, now_s)
         move_target(now_s, motions)
         air.place([motion[:2] for motion in motions])
-        for index, (vehicle, messages) in enumerate(zip(vehicles, air.arrived(now_s), strict=True)):
+        for index, (vehicle, messages) in enumerate(zip(vehicles, air.arrived(now_s, inputs.message), strict=True)):
             samples, sightings = vehicle.sense(now_s)
             if not vehicle.present:
                 truth.tick_us.append(0.0)
                 continue
             began = perf_counter()
             for message in messages:
-                vehicle.core.take(inputs.message(now_s, message))
+                vehicle.core.take(message)
             output = vehicle.think(now_s, samples, sightings)
             truth.tick_us.append((perf_counter() - began) * 1e6)
             vehicle.command(now_s, output.setpoint)

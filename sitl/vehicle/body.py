@@ -3,18 +3,20 @@
 from collections import deque
 from collections.abc import Callable
 from functools import lru_cache, partial
+from typing import Final
 
 import numpy as np
 
 from estimation.plant.model import Plant
+from estimation.vectors import rounded
 from sitl.vehicle.imperfections import Imperfections
 from sitl.vehicle.plant_step import FunctionStep, Motion, MotionStep, NumericStep, Pair, StepFunction
 from sitl.vehicle.shaping import ShapedStep
 from sitl.vehicle.wind import Wind, low_altitude
 
-STEP_S = 0.02
+STEP_S: Final = 0.02
 """The physics step of motion without an exact solution: shaped, or in wind that changes or causes drag."""
-_STEPS_KEPT = 16
+_STEPS_KEPT: Final = 16
 """The number of cached discretisations: setpoints and samples divide each tick in few different ways."""
 
 
@@ -90,7 +92,7 @@ class VehicleBody:
         self._fly_exactly(to_s - from_s)
 
     def _fly_exactly(self, step_s: float) -> None:
-        step_s = round(step_s, 9)
+        step_s = rounded(step_s, 9)
         if step_s > 0.0:
             self._motion = self._exact_step(step_s).advance(self._motion, self._steered_m, self.disturbance_m_s2)
 
@@ -105,7 +107,7 @@ class VehicleBody:
             while self._pending and self._pending[0][0] <= self._flown_s + 1e-9:
                 self._aim_m = self._pending.popleft()[1]
             self._step(self.disturbance_m_s2 if self._wind is None else self._pushed(self._wind))
-            self._flown_s = round(self._flown_s + STEP_S, 9)
+            self._flown_s = rounded(self._flown_s + STEP_S, 9)
 
     def _pushed(self, wind: Wind) -> Pair:
         """Return the disturbance by the wind of the next step."""

@@ -3,13 +3,14 @@
 from collections import deque
 from dataclasses import dataclass
 from math import cos, exp, inf, pi, sin, sqrt
+from typing import Final
 
 import numpy as np
 
 from sitl.draws import AHEAD, normals
 from sitl.vehicle.shaping import ShapeLimits
 
-_REMEMBERED = 512
+_REMEMBERED: Final = 512
 """The number of stored errors: five seconds, the largest delay of a sensor, at 100 Hz."""
 
 
@@ -114,7 +115,7 @@ class TelemetrySchedule:
         return inf if every_s == inf else after_s + float(self._random.exponential(every_s))
 
 
-DRAG_PER_S = 0.05
+DRAG_PER_S: Final = 0.05
 """Acceleration per airspeed: a wind of 8 m/s causes 0.4 m/s².
 
 The rotors and body of a quadrotor of 1.5 to 2 kg cause 0.1 to 0.3 1/s. But the plant is the closed position loop of an

@@ -6,7 +6,7 @@ heading clockwise from north.
 
 from math import pi, radians
 
-from estimation.frames import wrap_signed_rad
+from estimation.vectors import wrap_signed_rad
 
 ELEVATION_MIN_RAD, ELEVATION_MAX_RAD = -pi / 2.0, radians(20.0)
 RATE_MAX_RAD_S = radians(90.0)

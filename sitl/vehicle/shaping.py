@@ -4,11 +4,12 @@ A small motion is exactly the linear plant's; a large one is as fast as the limi
 """
 
 from dataclasses import dataclass, fields
+from typing import Final
 
 from estimation.plant.model import Plant
 from sitl.vehicle.plant_step import Motion, NumericStep, Pair
 
-SPEED_KEPT = 0.98
+SPEED_KEPT: Final = 0.98
 """The share of the speed limit that is aimed at: the overshoot due to the jerk limit is less than the rest."""
 
 
@@ -45,7 +46,7 @@ class ShapedStep:
         bounded = _shortened(wanted, limits.acceleration_m_s2)
         change = bounded[0] - before_m_s2[0], bounded[1] - before_m_s2[1]
         allowed = _shortened(change, limits.jerk_m_s3 * step_s)
-        if bounded is wanted and allowed is change:
+        if bounded == wanted and allowed == change:
             return linear
         later_x_rate = x_rate + (before_m_s2[0] + allowed[0]) * step_s
         later_y_rate = y_rate + (before_m_s2[1] + allowed[1]) * step_s
@@ -59,7 +60,7 @@ class ShapedStep:
         (stiff_x, stiff_y), (damped_x, damped_y) = self._stiffness, self._damping
         tended = (stiff_x * (aim_x - x) + push_x) / damped_x, (stiff_y * (aim_y - y) + push_y) / damped_y
         bounded = _shortened(tended, SPEED_KEPT * self._limits.speed_m_s)
-        if bounded is tended:
+        if bounded == tended:
             return aim_m
         return x + (damped_x * bounded[0] - push_x) / stiff_x, y + (damped_y * bounded[1] - push_y) / stiff_y
 

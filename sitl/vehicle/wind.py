@@ -6,13 +6,14 @@ neglected.
 
 from dataclasses import dataclass
 from math import hypot, sqrt
+from typing import Final
 
 import numpy as np
 
-FEET_M = 0.3048
-SPEED_LEAST_M_S = 1.0
+FEET_M: Final = 0.3048
+SPEED_LEAST_M_S: Final = 1.0
 """Lower bound of the field's speed: in weaker wind the vehicle's own motion dominates."""
-_BLOCK = 512
+_BLOCK: Final = 512
 
 
 @dataclass(frozen=True, slots=True)

@@ -12,9 +12,9 @@ from estimation.frames import (
     MissionFrame,
     euler_from_quaternion_rad,
     up_from_ned,
-    wrap_signed_rad,
 )
 from estimation.state import Vector
+from estimation.vectors import wrap_signed_rad
 
 SEMI_MAJOR_M, FLATTENING = 6378137.0, 1.0 / 298.257223563
 ECCENTRICITY_SQUARED = FLATTENING * (2.0 - FLATTENING)

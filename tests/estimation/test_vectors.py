@@ -1,4 +1,4 @@
-"""Clipping a vector: against its direction and length worked out by other means."""
+"""Clipping a vector, against its direction and length worked out by other means; rounding, against Python's."""
 
 from cmath import phase
 
@@ -7,7 +7,7 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from estimation.vectors import clipped, clipped_pair
+from estimation.vectors import clipped, clipped_pair, rounded
 
 component = st.floats(-1e6, 1e6).filter(lambda value: value == 0.0 or abs(value) > 1e-6)
 length = st.floats(1e-3, 1e6)
@@ -28,3 +28,11 @@ def test_a_vector_short_enough_is_the_argument_itself(x: float, y: float, more: 
     length_max = more * (1.0 + 1e-9) * abs(complex(x, y))
     assert clipped(vector, length_max) is vector
     assert clipped_pair(pair, length_max) == pair
+
+
+halfway = st.builds(lambda whole, digits: (whole + 0.5) / 10.0**digits, st.integers(-(10**6), 10**6), st.integers(0, 9))
+
+
+@given(st.one_of(st.floats(-1e3, 1e3), st.floats(), halfway), st.integers(0, 9))
+def test_rounding_is_pythons(value: float, digits: int) -> None:
+    assert rounded(value, digits) == pytest.approx(round(value, digits), abs=0.0, rel=0.0, nan_ok=True)

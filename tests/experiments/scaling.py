@@ -16,6 +16,7 @@ import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
+from gcs.garbage import collect_rarely
 from gcs.mission.mission import Mission
 from gcs.style import COLOURS, INK, drawing
 from sitl.simulation.simulation import NetworkModel
@@ -70,9 +71,7 @@ def measured(count: int) -> Cost:
         began_s = process_time()
 
     with patch("sitl.simulation.simulation.perf_counter", process_time):
-        flight = observed(
-            mission, 0, duration_s=DURATION_S, network=NetworkModel(mission.network.range_m), progress=progress
-        )
+        flight = observed(mission, 0, duration_s=DURATION_S, network=NetworkModel(mission.range_m), progress=progress)
     settled = flight.time_s > SETTLED_S
     core_us = float(flight.tick_us[settled].mean())
     whole_us = float(np.array(ticks_s)[settled].mean()) * 1e6 / count
@@ -129,6 +128,7 @@ def main() -> int:
     )
     reader.add_argument("--plot", type=Path, help="figure to draw, such as docs/scaling.png")
     arguments = reader.parse_args()
+    collect_rarely()  # as `cordon sim` does
     costs = cheapest(arguments.counts, arguments.rounds)
     print(table(costs))
     if arguments.plot is not None:

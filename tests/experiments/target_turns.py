@@ -91,7 +91,7 @@ def flown(seed: int, flight: Flight, duration_s: float | None = None) -> Turns:
             resume = OperatorCommand(RESUMED_S, "resume", None, "tower", 1)
             vehicles[vehicle].core.take(Message(RESUMED_S, resume))
 
-    network = NetworkModel(turning.network.range_m, 0.05, 0.05)
+    network = NetworkModel(turning.range_m, 0.05, 0.05)
     truth = observed(turning, seed, observe, duration_s=duration_s, vehicles=vehicles, network=network)
     target_m = np.array([turning.target.motion.position_m(time_s) for time_s in truth.time_s.tolist()])[:, None]
     seen, about = truth.time_s > SETTLED_S, truth.time_s > SETTLED_S

@@ -22,7 +22,7 @@ def observed(
     own = mission.network
     return simulate(
         vehicles or simulated_vehicles(mission, seed),
-        network or NetworkModel(own.range_m, own.delay_s, own.loss),
+        network or NetworkModel(mission.range_m, own.delay_s, own.loss),
         rate_hz=mission.mission.rate_hz,
         duration_s=duration_s or mission.mission.duration_s,
         seed=seed,

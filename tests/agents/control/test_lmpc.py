@@ -9,12 +9,12 @@ import osqp
 import pytest
 from scipy.optimize import minimize
 
-from agents.control.lmpc import Bounds, Lmpc, QpStatus
+from agents.control.lmpc import Bounds, Lmpc, QpStatus, StateBound
 from agents.control.lmpc_cost import condensed
 from estimation.state import Vector
 from tests.support.solver import UNSOLVED
 
-HORIZON = 6
+HORIZON, STEP_S = 6, 0.5
 FREE = 1e20
 CONSTRAINED = (2, 3)
 
@@ -42,7 +42,7 @@ class Problem:
             increment_weight=self.increment_weight,
             constrained_states=CONSTRAINED,
         )
-        return Lmpc(programme)
+        return Lmpc(programme, STEP_S)
 
     def states(self, decision: Vector) -> Vector:
         inputs, state, states = decision.reshape(self.control_horizon, 2), self.state, []
@@ -75,26 +75,21 @@ class Problem:
         size = 2 * self.control_horizon
         jacobian, offset = self.jacobian(self.residuals), self.residuals(np.zeros(size))
         slope = self.jacobian(self.speeds)
+        least, most = at_samples(bounds)
         result = minimize(
             lambda u: np.sum((jacobian @ u + offset) ** 2),
             np.zeros(size),
             jac=lambda u: 2.0 * jacobian.T @ (jacobian @ u + offset),
-            bounds=list(
-                zip(
-                    np.tile(bounds.inputs[0], self.control_horizon),
-                    np.tile(bounds.inputs[1], self.control_horizon),
-                    strict=True,
-                )
-            ),
+            bounds=bounds.inputs,
             constraints=[
                 {
                     "type": "ineq",
-                    "fun": lambda u: bounds.states[1].ravel() - self.speeds(u).ravel(),
+                    "fun": lambda u: most.ravel() - self.speeds(u).ravel(),
                     "jac": lambda u: -slope,
                 },
                 {
                     "type": "ineq",
-                    "fun": lambda u: self.speeds(u).ravel() - bounds.states[0].ravel(),
+                    "fun": lambda u: self.speeds(u).ravel() - least.ravel(),
                     "jac": lambda u: slope,
                 },
             ],
@@ -125,13 +120,19 @@ def problem(seed: int, control_horizon: int) -> Problem:
     )
 
 
-def both_ways(most: Vector) -> Vector:
-    return np.stack([-most, most])
+def at_samples(bounds: Bounds) -> tuple[Vector, Vector]:
+    """Return the least and the most of the constrained states (HORIZON, 2)."""
+    times_s = STEP_S * np.arange(1, HORIZON + 1)
+    least = np.column_stack([each.least + each.least_rate * times_s for each in bounds.states])
+    return least, np.column_stack([each.most + each.most_rate * times_s for each in bounds.states])
 
 
-def bounds(input_max: float = FREE, state_max: float = FREE) -> Bounds:
-    states = np.full((HORIZON, 2), state_max)
-    return Bounds(both_ways(np.full(2, input_max)), both_ways(states))
+def limits_of(control_horizon: int, input_max: float = FREE, *states: StateBound) -> Bounds:
+    return Bounds([(-input_max, input_max)] * 2 * control_horizon, states or [StateBound(-FREE, FREE)] * 2)
+
+
+def bounds(control_horizon: int, input_max: float = FREE, state_max: float = FREE, opening: float = 0.0) -> Bounds:
+    return limits_of(control_horizon, input_max, *[StateBound(-state_max, state_max, -opening, opening)] * 2)
 
 
 def test_without_bounds_the_plan_is_the_least_squares_solution(subtests: pytest.Subtests) -> None:
@@ -139,7 +140,7 @@ def test_without_bounds_the_plan_is_the_least_squares_solution(subtests: pytest.
         for seed in range(2):
             with subtests.test(control_horizon=control_horizon, seed=seed):
                 given = problem(seed, control_horizon)
-                plan = given.lmpc().solve(given.state, given.reference, given.previous, bounds())
+                plan = given.lmpc().solve(given.state, given.reference, given.previous, bounds(control_horizon))
                 optimum = given.unbounded_optimum()
                 assert plan.status is QpStatus.INTERIOR
                 assert plan.inputs.ravel() == pytest.approx(optimum, abs=1e-8)
@@ -147,13 +148,14 @@ def test_without_bounds_the_plan_is_the_least_squares_solution(subtests: pytest.
 
 
 def test_on_the_bounds_the_plan_is_what_slsqp_finds(subtests: pytest.Subtests) -> None:
-    limit_rows = ((0.5, FREE), (FREE, 2.5), (3.0, 3.0))
-    for control_horizon, (input_max, state_max), seed in product((1, 4), limit_rows, range(3)):
+    limit_rows = ((0.5, FREE, 0.0), (FREE, 2.5, 0.0), (3.0, 3.0, 0.0), (FREE, 2.0, -0.4))
+    for control_horizon, (input_max, state_max, opening), seed in product((1, 4), limit_rows, range(3)):
         with subtests.test(control_horizon=control_horizon, input_max=input_max, state_max=state_max, seed=seed):
             given = problem(seed, control_horizon)
-            limits = bounds(input_max, max(state_max, 1.05 * np.abs(given.state[2:]).max()))
+            outside = 1.05 * np.abs(given.state[2:]).max()
+            limits = bounds(control_horizon, input_max, max(state_max, outside), opening)
             unbounded = given.unbounded_optimum()
-            slow_enough = (np.abs(given.speeds(unbounded)) <= limits.states[1]).all()
+            slow_enough = (np.abs(given.speeds(unbounded)) <= at_samples(limits)[1]).all()
             inside = (np.abs(unbounded) <= input_max).all() and slow_enough
             plan = given.lmpc().solve(given.state, given.reference, given.previous, limits)
             assert plan.status is (QpStatus.INTERIOR if inside else QpStatus.BOUNDED)
@@ -169,13 +171,13 @@ def test_osqp_begins_at_the_optimum_and_takes_one_step(monkeypatch: pytest.Monke
     for seed in range(5):
         given = problem(seed, 2)
         lmpc = given.lmpc()
-        for limits in (bounds(0.2), bounds(0.5, 1.0), crossed(), out_of_reach()):
+        for limits in (bounds(2, 0.2), bounds(2, 0.5, 1.0), crossed(), out_of_reach()):
             plan = lmpc.solve(given.state, given.reference, given.previous, limits)
             assert plan.status is QpStatus.BOUNDED
 
 
 def test_osqp_finds_the_plan_also_where_no_active_set_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
-    given, limits = problem(3, 2), bounds(0.5)
+    given, limits = problem(3, 2), bounds(2, 0.5)
     found = given.lmpc().solve(given.state, given.reference, given.previous, limits)
     monkeypatch.setattr("agents.control.lmpc._CHANGES_MAX", 0)
     alone = given.lmpc().solve(given.state, given.reference, given.previous, limits)
@@ -184,11 +186,11 @@ def test_osqp_finds_the_plan_also_where_no_active_set_is_found(monkeypatch: pyte
 
 
 def crossed() -> Bounds:
-    return Bounds(both_ways(np.full(2, 0.5)), both_ways(np.full((HORIZON, 2), -1.0)))
+    return bounds(2, 0.5, -1.0)
 
 
 def out_of_reach() -> Bounds:
-    return Bounds(both_ways(np.full(2, 0.5)), np.stack([np.full((HORIZON, 2), 50.0), np.full((HORIZON, 2), 60.0)]))
+    return limits_of(2, 0.5, StateBound(50.0, 60.0), StateBound(50.0, 60.0))
 
 
 @pytest.mark.parametrize("impossible", [crossed(), out_of_reach()], ids=["crossed", "out of reach"])
@@ -198,7 +200,7 @@ def test_states_that_cannot_be_kept_still_leave_a_plan_within_the_inputs_bounds(
     plan = lmpc.solve(given.state, given.reference, given.previous, impossible)
     assert plan.status is QpStatus.BOUNDED
     assert np.abs(plan.first_input).max() <= 0.5
-    again = lmpc.solve(given.state, given.reference, given.previous, bounds())
+    again = lmpc.solve(given.state, given.reference, given.previous, bounds(2))
     assert again.status is QpStatus.INTERIOR
 
 

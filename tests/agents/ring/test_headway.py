@@ -1,12 +1,13 @@
 """Headway: which vehicles count, and at which rates and radius a vehicle keeps its distance to them."""
 
+from collections.abc import Sequence
 from math import cos, hypot, inf, pi, sin
 
 import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from agents.ring.detour import Motion, headway
+from agents.ring.detour import Headway, Motion
 from estimation.polar import Polar
 
 OWN = Polar(10.0, pi - 0.1, 0.0, 0.05)
@@ -21,11 +22,18 @@ def other(radius_m: float, ahead_rad: float, rate_rad_s: float = 0.0) -> Motion:
     return radius_m * x, radius_m * y, -speed_m_s * y, speed_m_s * x
 
 
+def headway(others: Sequence[Motion], headway_m: float) -> Headway:
+    kept = Headway(OWN, headway_m, 6.0)
+    for each in others:
+        kept.keep_to(each)
+    return kept
+
+
 @pytest.mark.parametrize("direction", [1.0, -1.0])
 def test_a_vehicle_keeps_the_rate_of_the_next_one_at_its_headway(direction: float) -> None:
     def rate_rad_s(headway_m: float, *more: Motion) -> float:
         next_ahead = other(11.0, direction * 0.5, direction * 0.04)
-        rates = headway(OWN, [*more, next_ahead], headway_m, 6.0).rates_rad_s
+        rates = headway([*more, next_ahead], headway_m).rates_rad_s
         assert abs(rates[1 - SIDES[direction]]) == inf  # nothing is behind
         return direction * rates[SIDES[direction]]
 
@@ -41,7 +49,7 @@ def test_a_vehicle_keeps_the_rate_of_the_next_one_at_its_headway(direction: floa
 def test_those_count_that_are_up_to_a_quarter_turn_away_and_about_as_far_out(ahead_rad: float, radius_m: float) -> None:
     assume(all(abs(ahead_rad - edge_rad) > 1e-6 for edge_rad in (-pi, -pi / 2.0, 0.0, pi / 2.0, pi)))
     assume(abs(radius_m - 16.0) > 1e-6)
-    rates = headway(OWN, [other(radius_m, ahead_rad)], 3.0, 6.0).rates_rad_s
+    rates = headway([other(radius_m, ahead_rad)], 3.0).rates_rad_s
     bound = [abs(rate) != inf for rate in rates]
     counts = abs(ahead_rad) < pi / 2.0 and radius_m < 16.0
     assert bound == [counts and ahead_rad < 0.0, counts and ahead_rad > 0.0]
@@ -52,7 +60,7 @@ def test_behind_a_vehicle_farther_in_the_radius_keeps_the_headway(
     ahead_rad: float, radius_m: float, headway_m: float
 ) -> None:
     it = other(radius_m, ahead_rad)
-    least_m = headway(OWN, [it], headway_m, 6.0).least_m
+    least_m = headway([it], headway_m).least_m
     towards = cos(OWN.bearing_rad), sin(OWN.bearing_rad)
 
     def apart_m(own_m: float) -> float:

@@ -88,9 +88,9 @@ def test_references_are_extrapolated_at_their_own_rates_and_come_with_id_and_rad
     for place in (angle(1, 10.0), published, replace(published, sender=4)):
         team.ring.receive(place)
     team.receive(member(4, 10.0, "hold"))
-    ((sender, reference_rad, radius_m),) = team.ring.others(10.5)
-    assert (sender, radius_m) == (3, 14.0)
-    assert reference_rad == pytest.approx(0.9)
+    ids, references_rad, radii_m = team.ring.others(10.5)
+    assert (ids, radii_m) == ([3], [14.0])
+    assert references_rad == pytest.approx([0.9])
 
 
 def test_who_flies_in_formation_and_who_is_near() -> None:
