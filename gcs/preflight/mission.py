@@ -10,6 +10,7 @@ from msgspec.structs import asdict
 from agents.control.excitation import preview
 from agents.ring.bent_ring import Bender, RingBend, waiting_places_m
 from agents.ring.commanded_ring import RingBounds, ring_bounds
+from agents.ring.joining import WAITING
 from agents.ring.place import chord_m, even_places
 from agents.ring.settling import settling_s
 from agents.safety.failsafe import SILENCES_PER_HOUR_MAX
@@ -558,6 +559,33 @@ def _target_speed(mission: Mission) -> Finding:
         f"{ring.speed_max_m_s:g} m/s, less {_along_ring_m_s(mission):.2f} m/s along the ring)",
         "a vehicle on the ring needs the sum of both speeds, and a margin",
         f"lower encirclement.angular_rate_rad_s to {step_rad_s:.2f}, or raise speed_max_m_s if the vehicles can fly it",
+    )
+
+
+def waiting_speeds(mission: Mission) -> Iterator[Finding]:
+    """Check that a vehicle which waits for its place outside a ring can turn with it there.
+
+    A command of the ring is not checked for this: vehicles on it have their places.
+    """
+    if not mission.excites:
+        yield from _on_each_ring(mission, _waiting_speed)
+
+
+def _waiting_speed(mission: Mission) -> Finding | None:
+    ring, target_m_s = mission.encirclement, mission.target.speed_max_m_s
+    if len(mission.vehicles) == 1:
+        return None
+    waiting_m = ring.radius_m + WAITING * mission.safety.separation_m
+    needed_m_s = abs(ring.angular_rate_rad_s) * waiting_m + target_m_s
+    step_rad_s = max(ring.speed_max_m_s - target_m_s, 0.0) / waiting_m
+    return Finding.graded(
+        Grade.WARNING if needed_m_s > ring.speed_max_m_s else Grade.PASS,
+        MISSION,
+        "waiting speed",
+        f"vehicles that wait for their places {waiting_m:g} m from the target need {needed_m_s:.2f} m/s to turn with "
+        f"the ring; encirclement.speed_max_m_s is {ring.speed_max_m_s:g} m/s",
+        "one that falls behind its place there may never come in",
+        f"lower encirclement.angular_rate_rad_s to {step_rad_s:.3g}, or raise speed_max_m_s if the vehicles can fly it",
     )
 
 

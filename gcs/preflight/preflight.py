@@ -17,7 +17,7 @@ from gcs.preflight.areas import areas_compared, rally_compared
 from gcs.preflight.computer import ComputerFacts, judge_computer
 from gcs.preflight.findings import MISSION, Finding, Grade, Subject, VehicleFacts, subjects_text
 from gcs.preflight.keys import KeyFacts, keys
-from gcs.preflight.mission import autopilot_limits, feasibility, link_budget, losses
+from gcs.preflight.mission import autopilot_limits, feasibility, link_budget, losses, waiting_speeds
 from gcs.preflight.parameters import estimator, failsafes, fence, fence_areas, kinds, profile, station
 from gcs.preflight.senders import senders
 from gcs.preflight.terrain import terrain
@@ -91,6 +91,7 @@ def preflight(
     findings = [
         *away,
         *(feasibility(mission, stubs=stubs) if feasible is None else feasible),
+        *waiting_speeds(mission),
         *link_budget(mission, team),
         *terrain(mission),
         *kinds(team, bench=bench),

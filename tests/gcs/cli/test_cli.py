@@ -390,7 +390,7 @@ def test_a_ring_is_commanded_by_its_name_within_its_own_bounds(
 ) -> None:
     """Case 2 with three rings; no team flies it, so what is not refused finds no vehicle."""
     several = with_rings(bus_mission("case2"))
-    monkeypatch.setattr("gcs.cli.command.bus_mission", lambda *_: several)
+    monkeypatch.setattr("gcs.cli.command.running_mission", lambda *_: several)
     for line, *facts in OF_SEVERAL_RINGS:
         with subtests.test(line=line):
             assert facts_missing("\n".join(refused("command", *shlex.split(line))), *facts) == []

@@ -571,6 +571,8 @@ def test_missions_beyond_their_own_limits(subtests: pytest.Subtests) -> None:
     for sections, check, grade in (
         ({"target": {"velocity_m_s": (2.6, 0.0)}}, "target speed", Grade.REFUSE),
         ({"target": {"velocity_m_s": (0.0, -2.4)}}, "target speed", Grade.WARNING),
+        ({"encirclement": {"angular_rate_rad_s": 0.205}}, "waiting speed", Grade.WARNING),  # 0.205 x 14.5 + 0.1 > 3 m/s
+        ({"encirclement": {"angular_rate_rad_s": 0.195}}, "waiting speed", Grade.PASS),
         ({"encirclement": {"angular_rate_rad_s": -0.46}}, "ring acceleration", Grade.REFUSE),
         ({"encirclement": {"angular_rate_rad_s": 0.41}}, "ring acceleration", Grade.WARNING),
         ({"formation": {"speed_m_s": 2.1}}, "formation speed", Grade.REFUSE),
