@@ -213,6 +213,8 @@ class StartAgreement:
         if isinstance(message, StartProposal) and self._agreed:
             if message.start_s is None and message.sender in self._readiness.others:
                 self._publish(self._readiness.message(self._clock.now_s()))
+        elif isinstance(message, StartProposal) and self._flies_already(message):
+            self._clocks.receive(message.sender, (self._clock.now_s() - message.time_s) / self._clock.time_scale)
         elif isinstance(message, StartProposal) and message.sender in self._readiness.others:
             if message.mission is not None and self._mission is not None and message.mission != self._mission:
                 self._other_missions[message.sender] = message.mission
@@ -222,6 +224,10 @@ class StartAgreement:
             self._clocks.receive(message.sender, lag_s / self._clock.time_scale)
             if abs(lag_s) < TOPICS[StartProposal].age_max_s and is_possible(message, now_s, self._duration_s):
                 self._readiness.receive(message)
+
+    def _flies_already(self, message: StartProposal) -> bool:
+        """Return whether a vehicle that joined an earlier flight of this team still flies: it has to have one clock."""
+        return message.adds is not None and message.start_s is not None and message.mission == self._mission
 
     def _take_answer(self, sender: int, answer: AddedAnswer) -> None:
         if (answer.vehicle, answer.about) == (self._vehicle_id, self._adds):  # not to an earlier attempt

@@ -36,7 +36,10 @@ _ADD = Group("With --add")
 class AddOptions:
     """Options of `cordon rejoin --add`: keys of the vehicle, and of its flight."""
 
-    start: Annotated[str | None, Parameter(group=_ADD, help="Its place on the ground, X,Y [m], such as 0,-8.")] = None
+    start: Annotated[
+        str | None,
+        Parameter(group=_ADD, help="Its place on the ground, X,Y [m], such as 0,-8.", allow_leading_hyphen=True),
+    ] = None
     url: Annotated[str | None, Parameter(group=_ADD, help="Its MAVLink connection, as in a mission file.")] = None
     profile: Annotated[
         str | None, Parameter(group=_ADD, help="Bundled profile, or a file beside the mission; default: stub.")
@@ -46,7 +49,10 @@ class AddOptions:
         Parameter(group=_ADD, help="Flying height [m], between those of the others; default: that of the last one."),
     ] = None
     slot: Annotated[
-        str | None, Parameter(group=_ADD, help="Its position in a free formation, X,Y [m]; others take none.")
+        str | None,
+        Parameter(
+            group=_ADD, help="Its position in a free formation, X,Y [m]; others take none.", allow_leading_hyphen=True
+        ),
     ] = None
     system_id: Annotated[int | None, Parameter(group=_ADD, help="MAVLink system id; default: its id.")] = None
     endpoint: Annotated[

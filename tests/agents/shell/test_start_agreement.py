@@ -20,7 +20,7 @@ from agents.shell.start_agreement import (
     is_possible,
 )
 from agents.team.codec import decode
-from agents.team.messages import TOPICS, MissionIdentity, StartProposal
+from agents.team.messages import TOPICS, AddedVehicle, MissionIdentity, StartProposal
 
 MEMBERS = (1, 2, 3)
 PERIOD_S = TOPICS[StartProposal].period_s
@@ -233,6 +233,20 @@ def test_the_clock_of_a_stranger_keeps_no_vehicle_on_the_ground() -> None:
             air.agreement.receive(StartProposal(9, 500.0, None))
         await air.agreement.compare_clocks()
         assert air.agreement.clock_lags_s == {}
+
+    asyncio.run(compared())
+
+
+@pytest.mark.parametrize(("lag_s", "refused"), [(0.0, False), (-69.0, True)])
+def test_who_joined_an_earlier_flight_and_still_flies_has_to_have_the_same_clock(lag_s: float, refused: bool) -> None:
+    async def compared() -> None:
+        clock, ours = Clock(), MissionIdentity("ours", 16 * "1")
+        agreement = Air(clock, ours).agreement
+        agreement.announce()
+        adds = AddedVehicle((0.0, -9.0), 8.0)
+        for _ in range(SAMPLES_MIN):
+            agreement.receive(StartProposal(4, clock.time_s - lag_s, 1.0, mission=ours, adds=adds))
+        assert ("that of vehicle 4's" in agreement.refusal) is refused
 
     asyncio.run(compared())
 
