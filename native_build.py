@@ -32,6 +32,7 @@ COMPILED = (
     "agents/team/clock_watch.py",
     "agents/team/consistency_check.py",
     "agents/team/inbox.py",
+    "agents/team/numbers.py",
     "agents/team/ring_members.py",
     "agents/team/send_rate.py",
     "agents/team/team.py",

@@ -429,8 +429,9 @@ def _motion_of(vector: Vector) -> Motion:
 
 def _motion(member: MemberState, at_s: float, centre: Motion) -> Motion:
     """Return a peer's motion relative to the centre's (4,) at a time, extrapolated at its published velocity."""
-    ahead_s = at_s - member.time_s
-    (x, y), (x_rate, y_rate) = member.position_m, member.velocity_m_s
+    it = member.numbers
+    ahead_s = at_s - it.time_s
+    (x, y), (x_rate, y_rate) = it.position_m, it.velocity_m_s
     return _relative((x + x_rate * ahead_s, y + y_rate * ahead_s), (x_rate, y_rate), centre)
 
 

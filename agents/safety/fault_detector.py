@@ -197,7 +197,8 @@ class FaultDetector:
 
     def _check_distances(self, faults: Faults, now_s: float, x: float, y: float, height_m: float) -> None:
         near_m, nearest = self._near_m, 0
-        for peer in self._team.near():
+        for member in self._team.near():
+            peer = member.numbers
             age_s = now_s - peer.time_s
             away_x = peer.position_m[0] + peer.velocity_m_s[0] * age_s - x
             # A cheap test that decides nearly always.
@@ -205,7 +206,8 @@ class FaultDetector:
                 away_m = hypot(away_x, peer.position_m[1] + peer.velocity_m_s[1] * age_s - y)
                 if away_m < near_m:
                     near_m, nearest = away_m, peer.sender
-        for peer in self._team.lost(now_s, self._lost_avoided_s):
+        for member in self._team.lost(now_s, self._lost_avoided_s):
+            peer = member.numbers
             ahead_s = min(now_s - peer.time_s, GOING_ON_S)
             away_x = peer.position_m[0] + peer.velocity_m_s[0] * ahead_s - x
             away_m = hypot(away_x, peer.position_m[1] + peer.velocity_m_s[1] * ahead_s - y)

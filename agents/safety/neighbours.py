@@ -79,9 +79,10 @@ class Neighbours:
         still_m += (4.0 / rate + NEAR_FOR_S) * speed
         near, until_s = [], situation.acting_s + NEAR_FOR_S
         for member in states:
-            ahead_s = min(until_s - member.time_s, GOING_ON_S + NEAR_FOR_S)
-            its_x_rate, its_y_rate = member.velocity_m_s
-            place_x, place_y = member.position_m
+            it = member.numbers
+            ahead_s = min(until_s - it.time_s, GOING_ON_S + NEAR_FOR_S)
+            its_x_rate, its_y_rate = it.velocity_m_s
+            place_x, place_y = it.position_m
             # The distance that it may close until then, and its closing speed then.
             its_speed, gained = hypot(its_x_rate, its_y_rate), turned * ahead_s
             come_m, closing_m_s = (its_speed + gained / 2.0) * ahead_s, its_speed + gained
@@ -93,16 +94,18 @@ class Neighbours:
         """Return whether a near vehicle comes about as close as the guard allows, soon and at constant velocity."""
         x, y, x_rate, y_rate = situation.acting_motion.tolist()
         safety, own_sigma_m = self._safety, situation.position_sigma_m
+        acting_s = situation.acting_s
         for member in near:
-            ahead_s = situation.acting_s - member.time_s
-            its_x_rate, its_y_rate = member.velocity_m_s
-            away_x = member.position_m[0] + its_x_rate * ahead_s - x
-            away_y = member.position_m[1] + its_y_rate * ahead_s - y
+            it = member.numbers
+            ahead_s = acting_s - it.time_s
+            its_x_rate, its_y_rate = it.velocity_m_s
+            away_x = it.position_m[0] + its_x_rate * ahead_s - x
+            away_y = it.position_m[1] + its_y_rate * ahead_s - y
             rate_x, rate_y = its_x_rate - x_rate, its_y_rate - y_rate
             closing, speed2 = -(away_x * rate_x + away_y * rate_y), rate_x * rate_x + rate_y * rate_y
             meeting_s = min(closing / speed2, _MEETS_S) if closing > 0.0 else 0.0
             close_m = _MEETS * safety.separation_m
-            close_m += unsure_m(safety.uncertainty_sigmas, own_sigma_m, member.position_sigma_m)
+            close_m += unsure_m(safety.uncertainty_sigmas, own_sigma_m, it.position_sigma_m)
             if hypot(away_x + rate_x * meeting_s, away_y + rate_y * meeting_s) < close_m:
                 return True
         return False
@@ -122,16 +125,17 @@ class Neighbours:
         )
         safety, own_sigma_m = self._safety, situation.position_sigma_m
         rate, separation_m, sigmas = safety.barrier_rate_per_s, safety.separation_m, safety.uncertainty_sigmas
-        limit_m_s2 = sqrt(2.0) * self._acceleration_max_m_s2
+        limit_m_s2, acting_s = sqrt(2.0) * self._acceleration_max_m_s2, situation.acting_s
         found = []
         for member in near:
-            ahead_s = min(situation.acting_s - member.time_s, GOING_ON_S)
-            place_x, place_y = member.position_m
-            its_x_rate, its_y_rate = member.velocity_m_s
+            it = member.numbers
+            ahead_s = min(acting_s - it.time_s, GOING_ON_S)
+            place_x, place_y = it.position_m
+            its_x_rate, its_y_rate = it.velocity_m_s
             changed_m_s = limit_m_s2 * ahead_s
             away_m = hypot(place_x + its_x_rate * ahead_s - x, place_y + its_y_rate * ahead_s - y)
             away_m -= changed_m_s / 2.0 * ahead_s
-            unsure = sigmas * (own_sigma_m + member.position_sigma_m)
+            unsure = sigmas * (own_sigma_m + it.position_sigma_m)
             keep_m = separation_m + self._passing_m + min(unsure, separation_m)
             keep_m += min(UNPUBLISHED_ACCELERATION_M_S2 / 2.0 * ahead_s * ahead_s, separation_m)
             closing_m_s = hypot(its_x_rate - x_rate, its_y_rate - y_rate) + changed_m_s
@@ -198,27 +202,29 @@ class Neighbours:
     def _body(
         self, member: MemberState, situation: Situation, own_sigma_m: float, *, shares: bool, passes: bool
     ) -> Body:
-        safety = self._safety
-        separation_m, age_s = safety.separation_m, situation.now_s - member.time_s
-        ahead_s = min(situation.acting_s - member.time_s, GOING_ON_S)
-        x, x_rate, x_acceleration = self._ahead(0, member, ahead_s)
-        y, y_rate, y_acceleration = self._ahead(1, member, ahead_s)
+        safety, it = self._safety, member.numbers
+        separation_m, age_s = safety.separation_m, situation.now_s - it.time_s
+        ahead_s = min(situation.acting_s - it.time_s, GOING_ON_S)
+        (place_x, place_y), (its_x_rate, its_y_rate), (aim_x, aim_y) = it.position_m, it.velocity_m_s, it.aim_m
+        x, x_rate, x_acceleration = self._ahead(0, place_x, its_x_rate, aim_x, ahead_s)
+        y, y_rate, y_acceleration = self._ahead(1, place_y, its_y_rate, aim_y, ahead_s)
         moved_m = UNPUBLISHED_ACCELERATION_M_S2 / 2.0 * min(age_s, GOING_ON_S) ** 2
         if ahead_s == GOING_ON_S:
             # By now it hovers or lands; if only its radio failed, it may still fly on until it detects that.
             moved_m += hypot(x_rate, y_rate) * min(max(age_s - GOING_ON_S, 0.0), self._unnoticed_s)
             x_rate = y_rate = x_acceleration = y_acceleration = 0.0
-        unsure = unsure_m(safety.uncertainty_sigmas, own_sigma_m, member.position_sigma_m)
+        unsure = unsure_m(safety.uncertainty_sigmas, own_sigma_m, it.position_sigma_m)
         distance_m = separation_m + min(unsure, separation_m) + min(moved_m, separation_m)
         distance_m += self._passing_m if passes else 0.0
         acceleration_m_s2 = x_acceleration, y_acceleration
         return Body((x, y), (x_rate, y_rate), acceleration_m_s2, distance_m, shares, member.sender)
 
-    def _ahead(self, axis: int, member: MemberState, ahead_s: float) -> tuple[float, float, float]:
+    def _ahead(
+        self, axis: int, position: float, rate: float, aim: float, ahead_s: float
+    ) -> tuple[float, float, float]:
         """Return position, velocity and acceleration along one axis, from the plant's response to the published aim."""
         a0, a1 = self._stiffness[axis]
-        position, rate = member.position_m[axis], member.velocity_m_s[axis]
         limit = self._acceleration_max_m_s2
-        acceleration = a0 * (member.aim_m[axis] - position) - a1 * rate
+        acceleration = a0 * (aim - position) - a1 * rate
         acceleration = min(max(acceleration, -limit), limit)
         return position + (rate + acceleration / 2.0 * ahead_s) * ahead_s, rate + acceleration * ahead_s, acceleration

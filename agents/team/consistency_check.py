@@ -81,11 +81,11 @@ class PeerTrack:
 
     def continued(self, state: MemberState) -> bool:
         """Take a state that passes the fast check, as nearly every one does; return whether it has."""
-        before = self.state
-        step_s = state.time_s - before.time_s
-        x, y = state.position_m
+        before, now = self.state.numbers, state.numbers
+        step_s = now.time_s - before.time_s
+        x, y = now.position_m
         before_x, before_y = before.position_m
-        x_rate, y_rate = state.velocity_m_s
+        x_rate, y_rate = now.velocity_m_s
         before_x_rate, before_y_rate = before.velocity_m_s
         half_s = step_s / 2.0
         off_x = _KEPT * self._off_x_m + x - before_x - half_s * (x_rate + before_x_rate)
@@ -98,7 +98,7 @@ class PeerTrack:
             and -_QUITE_M_S < y_rate - before_y_rate < _QUITE_M_S
             and -_CRUISE_M_S < x_rate < _CRUISE_M_S
             and -_CRUISE_M_S < y_rate < _CRUISE_M_S
-            and -_CLIMBED_M < state.altitude_m - before.altitude_m < _CLIMBED_M
+            and -_CLIMBED_M < now.altitude_m - before.altitude_m < _CLIMBED_M
         ):
             self._off_x_m, self._off_y_m, self.state = off_x, off_y, state
             self.count += 1

@@ -6,7 +6,8 @@ Text with control characters is refused there.
 
 from collections.abc import Iterable
 from dataclasses import dataclass
-from functools import reduce
+from functools import cached_property, reduce
+from itertools import count
 from math import ceil
 from typing import Annotated, Final, Literal, NamedTuple
 
@@ -16,6 +17,7 @@ from agents.drops import NO_DROPS, Drops
 from agents.notes import GuardCause
 from agents.settings.shapes import Shape
 from agents.tactics import Tactic
+from agents.team.numbers import PlaceNumbers, StateNumbers
 from agents.team.packing import FLAT, PAIRED, SHARED, Added, Age, AheadOf, OneOf, Unit, Within
 from agents.team.text import PRINTABLE
 from agents.team.verbs import TARGET, VERBS, Verb
@@ -61,7 +63,7 @@ Metres2 = tuple[_Metres, _Metres]
 Outcome = Literal["begun", "obeyed", "refused", "misdated"]
 
 
-class NeighbourAngle(msgspec.Struct, frozen=True, array_like=True):
+class NeighbourAngle(msgspec.Struct, frozen=True, array_like=True, dict=True):
     """The bearing, its rate and the radius of a vehicle on the ring about the target, at `time_s`.
 
     Bearings are those of the vehicle from the target, counter-clockwise from x of the mission frame, and rates positive
@@ -81,6 +83,21 @@ class NeighbourAngle(msgspec.Struct, frozen=True, array_like=True):
     reference_rad: _Angle | None = None
     reference_rate_rad_s: _AngularRate = 0.0
     references: Annotated[int, msgspec.Meta(ge=0, le=0xFFFF), Added(1)] = 0
+
+    @cached_property
+    def numbers(self) -> PlaceNumbers:
+        """The place as machine numbers, for cordon's own use."""
+        return PlaceNumbers(
+            self.sender,
+            self.time_s,
+            self.bearing_rad,
+            self.angular_rate_rad_s,
+            self.radius_m,
+            (self.rate_share, self.radius_share),
+            self.reference_rad,
+            self.reference_rate_rad_s,
+            self.references,
+        )
 
 
 class TargetPackage(msgspec.Struct, frozen=True, array_like=True):
@@ -237,7 +254,7 @@ class Aircraft(msgspec.Struct, frozen=True):
     altitude_m: _Metres | None = None
 
 
-class MemberState(msgspec.Struct, frozen=True, array_like=True):
+class MemberState(msgspec.Struct, frozen=True, array_like=True, dict=True):
     """A vehicle's state at `time_s`: tactic, motion, and the undisturbed aim with its rate, for followers and guards.
 
     It includes the vehicle's place on the ring, None off it, and the new sightings of its own sensor.
@@ -272,6 +289,23 @@ class MemberState(msgspec.Struct, frozen=True, array_like=True):
     traffic: Annotated[Annotated[tuple[Aircraft, ...], msgspec.Meta(max_length=TRAFFIC_MAX)] | None, Added(3)] = None
     goal: Annotated[Goal | None, Added(4)] = None
     goal_s: Annotated[TimeS | None, Added(5)] = None
+
+    @cached_property
+    def numbers(self) -> StateNumbers:
+        """The state's numbers as machine numbers, for cordon's own use."""
+        return StateNumbers(
+            next(_STATE_IDS),
+            self.sender,
+            self.time_s,
+            self.position_m,
+            self.velocity_m_s,
+            self.aim_m,
+            self.altitude_m,
+            self.position_sigma_m,
+        )
+
+
+_STATE_IDS: Final = count(1)
 
 
 class MissionIdentity(msgspec.Struct, frozen=True, array_like=True):

@@ -8,6 +8,7 @@ from zlib import crc32
 import msgspec
 
 from agents.team.messages import NeighbourAngle
+from agents.team.numbers import PlaceNumbers
 
 BESIDE_FOR_S: Final = 0.2
 """How long what is found among all engaged peers is valid: the period of their states."""
@@ -37,7 +38,8 @@ class RingMembers:
         """Take a function that returns whether a peer is engaged, which ends before its place is stale."""
         self._is_engaged = engaged
         self._angles: dict[int, NeighbourAngle] = {}
-        self._engaged: dict[int, NeighbourAngle] | None = None
+        self._places: dict[int, PlaceNumbers] = {}
+        self._engaged: dict[int, PlaceNumbers] | None = None
         self._shares = FULL_RING
         self._references: int | None = None
         self._ids: tuple[int, ...] = ()
@@ -48,32 +50,35 @@ class RingMembers:
 
     def receive(self, angle: NeighbourAngle) -> None:
         """Take a place unless a newer one is known."""
-        known = self._angles.get(angle.sender)
-        if known is not None and angle.time_s <= known.time_s:
+        place = angle.numbers
+        sender = place.sender
+        known = self._places.get(sender)
+        if known is not None and place.time_s <= known.time_s:
             return
-        self._angles[angle.sender] = angle
-        self.oldest_s = min(self.oldest_s, angle.time_s)
-        if known is None or (known.reference_rad is None) != (angle.reference_rad is None):
+        self._angles[sender], self._places[sender] = angle, place
+        self.oldest_s = min(self.oldest_s, place.time_s)
+        if known is None or known.has_reference != place.has_reference:
             self._references = None
-        if known is None or known.references != angle.references:
+        if known is None or known.references != place.references:
             self.revision += 1
         if self._engaged is None:
             return
-        if known is None or angle.rate_share != known.rate_share or angle.radius_share != known.radius_share:
+        if known is None or place.shares != known.shares:
             self.changed()
-        elif angle.sender in self._engaged:
-            self._engaged[angle.sender] = angle
+        elif sender in self._engaged:
+            self._engaged[sender] = place
 
     def forget(self, vehicle_id: int) -> None:
         """Drop a peer's place."""
         if self._angles.pop(vehicle_id, None) is not None:
+            del self._places[vehicle_id]
             self.changed()
 
     def expire(self, before_s: float) -> None:
         """Drop the places that are older than a time."""
-        for sender in [s for s, angle in self._angles.items() if angle.time_s < before_s]:
+        for sender in [s for s, place in self._places.items() if place.time_s < before_s]:
             self.forget(sender)
-        self.oldest_s = min((angle.time_s for angle in self._angles.values()), default=inf)
+        self.oldest_s = min((place.time_s for place in self._places.values()), default=inf)
 
     def changed(self) -> None:
         """Record that peers may have engaged or left."""
@@ -98,7 +103,7 @@ class RingMembers:
         """
         ahead_rad, next_rad, abreast_m = list[float](), list[float](), within_m - _RADIUS_M
         for each in self._on_ring():
-            each_rad = (_bearing_rad(each, at_s) - bearing_rad) % tau
+            each_rad = (each.bearing_at_rad(at_s) - bearing_rad) % tau
             ahead_rad.append(each_rad)
             if abs(each.radius_m - radius_m) < abreast_m:
                 next_rad.append(each_rad)
@@ -111,7 +116,7 @@ class RingMembers:
 
     def bearings_rad(self, at_s: float, of: Iterable[int]) -> list[float]:
         """Return the bearings of engaged peers at a time, extrapolated at their published rates - (25), (26)."""
-        return [_bearing_rad(self._angles[each], at_s) for each in of]
+        return [self._places[each].bearing_at_rad(at_s) for each in of]
 
     def abreast(
         self, at_s: float, radius_m: float, within_m: float, of: Iterable[int]
@@ -121,21 +126,20 @@ class RingMembers:
         The third is by how much nearer than `within_m` around the target each may be, as an angle at the radius: their
         distance has a radial part.
         """
-        size_m, angles = max(radius_m, within_m), [self._angles[each] for each in of]
+        size_m, places = max(radius_m, within_m), [self._places[each] for each in of]
         return [
-            (_bearing_rad(angle, at_s), angle.angular_rate_rad_s, (within_m - sqrt(within_m**2 - off_m**2)) / size_m)
-            for angle in angles
-            if (off_m := abs(angle.radius_m - radius_m)) < within_m
+            (place.bearing_at_rad(at_s), place.angular_rate_rad_s, (within_m - sqrt(within_m**2 - off_m**2)) / size_m)
+            for place in places
+            if (off_m := abs(place.radius_m - radius_m)) < within_m
         ]
 
     def others(self, at_s: float) -> tuple[list[int], list[float], list[float]]:
         """Return the engaged peers with a reference: ids, its bearings at a time at its published rate, and radii."""
         ids, bearings_rad, radii_m = list[int](), list[float](), list[float]()
         for each in self._on_ring():
-            reference_rad = each.reference_rad
-            if reference_rad is not None:
+            if each.has_reference:
                 ids.append(each.sender)
-                bearings_rad.append(reference_rad + each.reference_rate_rad_s * (at_s - each.time_s))
+                bearings_rad.append(each.reference_rad + each.reference_rate_rad_s * (at_s - each.time_s))
                 radii_m.append(each.radius_m)
         return ids, bearings_rad, radii_m
 
@@ -143,31 +147,28 @@ class RingMembers:
         """Return a digest of the vehicles whose references the law takes into account, the own included; never 0."""
         members = self._on_ring()
         if self._references is None:
-            ids = [angle.sender for angle in members if angle.reference_rad is not None]
+            ids = [place.sender for place in members if place.has_reference]
             self._references = 1 + crc32(bytes(sorted([own_id, *ids]))) % 0xFFFF
         return self._references
 
     def is_known_to_all(self, own_id: int) -> bool:
         """Return whether all engaged peers with a reference take the same references into account as this vehicle."""
-        same = (0, self.references(own_id))
-        return all(angle.references in same for angle in self._on_ring() if angle.reference_rad is not None)
+        ours = self.references(own_id)
+        return all(place.references in (0, ours) for place in self._on_ring() if place.has_reference)
 
     def shares(self) -> RingScale:
         """Return the ring that all engaged peers can fly."""
         self._on_ring()
         return self._shares
 
-    def _on_ring(self) -> Iterable[NeighbourAngle]:
+    def _on_ring(self) -> Iterable[PlaceNumbers]:
         # Used several times a tick, and constant until a peer engages or leaves, or the ring changes its size.
         if self._engaged is None:
-            self._engaged = {sender: angle for sender, angle in self._angles.items() if self._is_engaged(sender)}
+            self._engaged = {sender: place for sender, place in self._places.items() if self._is_engaged(sender)}
             self._ids = tuple(self._engaged)
             self._shares, self._references = FULL_RING, None
-            for angle in self._engaged.values():
-                if angle.rate_share < self._shares.rate or angle.radius_share > self._shares.radius:
-                    self._shares = self._shares.with_(RingScale(angle.rate_share, angle.radius_share))
+            for place in self._engaged.values():
+                rate_share, radius_share = place.shares
+                if rate_share < self._shares.rate or radius_share > self._shares.radius:
+                    self._shares = self._shares.with_(RingScale(rate_share, radius_share))
         return self._engaged.values()
-
-
-def _bearing_rad(angle: NeighbourAngle, at_s: float) -> float:
-    return angle.bearing_rad + angle.angular_rate_rad_s * (at_s - angle.time_s)

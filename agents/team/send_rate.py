@@ -82,6 +82,14 @@ def goes_on(before: MemberState, state: MemberState) -> bool:
     )
 
 
+def received_goes_on(before: MemberState, state: MemberState) -> bool:
+    """Return the same as `task_goes_on` of two received states, which nearly all vehicles of a process compare."""
+    compared_id, numbers = before.numbers.state_id, state.numbers
+    if numbers.compared_id != compared_id:
+        numbers.goes_on, numbers.compared_id = task_goes_on(before, state), compared_id
+    return numbers.goes_on
+
+
 def task_goes_on(before: MemberState, state: MemberState) -> bool:
     """Return whether a vehicle's task is unchanged, and its place on the ring agrees with the prediction."""
     return (

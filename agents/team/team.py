@@ -8,7 +8,7 @@ from agents.tactics import Tactic
 from agents.team.consistency_check import ConsistencyCheck, Inconsistency
 from agents.team.messages import TOPICS, MemberState
 from agents.team.ring_members import RingMembers
-from agents.team.send_rate import task_goes_on
+from agents.team.send_rate import received_goes_on
 from estimation.state import Vector
 
 _SILENT_S = TOPICS[MemberState].age_max_s
@@ -52,12 +52,18 @@ class Team:
 
         A waiting state is processed when the next one is due, or when the peer falls silent.
         """
-        if self._near_ids is None or state.sender in self._near_ids or state.sightings:
+        if self._near_ids is None:
             return False
-        known = self._members.get(state.sender)
-        if known is None or not 0.0 < state.time_s - known.time_s < _FAR_PERIOD_S or not task_goes_on(known, state):
+        numbers = state.numbers
+        sender = numbers.sender
+        if sender in self._near_ids or state.sightings:
             return False
-        self._waiting[state.sender] = state
+        known = self._members.get(sender)
+        if known is None:
+            return False
+        if not 0.0 < numbers.time_s - known.numbers.time_s < _FAR_PERIOD_S or not received_goes_on(known, state):
+            return False
+        self._waiting[sender] = state
         return True
 
     def watch_due(self, now_s: float) -> bool:
@@ -71,17 +77,18 @@ class Team:
 
     def receive(self, state: MemberState) -> None:
         """Take a peer's state, unless a newer one is known or it is inconsistent; and its place on the ring."""
-        sender = state.sender
+        numbers = state.numbers
+        sender, time_s = numbers.sender, numbers.time_s
         if self._waiting:
             self._waiting.pop(sender, None)
         known = self._members.get(sender)
-        fresh = known is not None and state.time_s - known.time_s <= _SILENT_S
-        if self._consistency.accepts(state, known=fresh) and (known is None or state.time_s > known.time_s):
+        known_s = -inf if known is None else known.numbers.time_s
+        if self._consistency.accepts(state, known=time_s - known_s <= _SILENT_S) and time_s > known_s:
             self._members[sender] = state
             self._all = self._near = None
             if self._silent:
                 self._silent.pop(sender, None)
-            self._oldest_s = min(self._oldest_s, state.time_s)
+            self._oldest_s = min(self._oldest_s, time_s)
             if known is None:
                 self._lost.pop(sender, None)
                 self._received.add(sender)
