@@ -190,19 +190,10 @@ def received_sighting(package: TargetPackage, targets: Sequence[str] = ()) -> Si
     """
     if package.target is not None and package.target >= len(targets):
         raise ValueError(f"a sighting of target {package.target} among {len(targets)}")
-    return Sighting(
-        package.time_s,
-        package.sender,
-        package.position_m,
-        package.covariance_m2,
-        package.importance,
-        package.threat,
-        package.altitude_m,
-        package.altitude_sigma_m,
-        package.frame_sigma_m,
-        package.frame_correlation_s,
-        None if package.target is None else targets[package.target],
-    )
+    sighting = package.sighting
+    if package.target is None:
+        return sighting
+    return msgspec.structs.replace(sighting, target=targets[package.target])
 
 
 def command_answer(answer: CommandAnswer) -> Outgoing:

@@ -627,10 +627,10 @@ class VehicleCore:
         message, now_s = item.message, item.now_s
         if isinstance(message, MemberState):
             if self._chooser is None:
-                if not self._team.waits(message) and self._inbox.accepts(message, now_s, self._time_scale):
+                if not self._team.waits(message) and self._inbox.accepts_state(message, now_s, self._time_scale):
                     self._take_state(message)
                 return
-            accepted = self._inbox.accepts(message, now_s, self._time_scale)
+            accepted = self._inbox.accepts_state(message, now_s, self._time_scale)
             if accepted and self._take_bids(self._chooser, message, now_s) and not self._team.waits(message):
                 self._take_state(message)
             return

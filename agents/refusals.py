@@ -14,7 +14,6 @@ from agents.safety.neighbours import ring_bands_m
 from agents.settings.config import AgentConfig
 from agents.tactics import Tactic
 from agents.team.messages import AddedVehicle, Goal, MemberState
-from agents.team.team import ring_of
 from estimation.vectors import Pair
 
 _KEEPS_ITS_PLACE = ("hold", "aside", "land", "return and land", "pilot override")
@@ -79,7 +78,7 @@ def _kept_free(
         bearing_rad = atan2(there_m[1] - at_m[1], there_m[0] - at_m[0])
         bend = bend_of(flown, at_m)
         bent_m = 0.0 if bend is None else bend.at_one(bearing_rad)[0]
-        out_m, angles = dist(at_m, there_m) - bent_m, [each.angle for each in peers if ring_of(each) == number]
+        out_m, angles = dist(at_m, there_m) - bent_m, [each.angle for each in peers if each.ring_number == number]
         radii_m = [flown.encirclement.radius_m, *[each.radius_m for each in angles if each is not None]]
         off_m = max(min(radii_m) - out_m, out_m - max(radii_m), 0.0)
         if off_m < separation_m:

@@ -3,7 +3,7 @@
 import os
 import pickle
 import warnings
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from pathlib import Path
 from types import MappingProxyType
 
@@ -94,6 +94,10 @@ class _Kept:
 
     def __init__(self) -> None:
         self.rows: dict[int, Row] = {}
+
+    @property
+    def finished(self) -> Collection[int]:
+        return self.rows.keys()
 
     def append(self, run: int, row: Row) -> None:
         self.rows[run] = row

@@ -1,11 +1,12 @@
 """The polar state of a vehicle about a target: radius, bearing and their rates. Equations (3) to (7) of the paper."""
 
-from math import atan2, cos, hypot, sin
+from math import atan2, cos, sin
 from typing import Final
 
 import numpy as np
 
 from estimation.state import Vector
+from estimation.vectors import length
 
 
 class Polar:
@@ -36,16 +37,16 @@ def polar_from_motion(motion: Vector, target: Vector) -> Polar:
 
 def polar_of(x: float, y: float, x_rate: float, y_rate: float) -> Polar:
     """Return the polar state of a motion relative to the target - (6), (7)."""
-    radius = hypot(x, y)
+    radius = length(x, y)
     squared = radius**2
     if squared == 0.0:
-        return Polar(0.0, 0.0, hypot(x_rate, y_rate), 0.0)
+        return Polar(0.0, 0.0, length(x_rate, y_rate), 0.0)
     return Polar(radius, atan2(y, x), (x * x_rate + y * y_rate) / radius, (x * y_rate - y * x_rate) / squared)
 
 
 def angular_rate_of(x: float, y: float, x_rate: float, y_rate: float) -> float:
     """Return the angular rate of `polar_of` alone."""
-    squared = hypot(x, y) ** 2
+    squared = x * x + y * y
     return 0.0 if squared == 0.0 else (x * y_rate - y * x_rate) / squared
 
 

@@ -1,11 +1,18 @@
-"""Limits of numbers to a range, of angles to one turn, of vectors with two components to a length; and rounding."""
+"""Lengths of vectors with two components; limits of numbers to a range, of angles to one turn, of vectors; rounding."""
 
-from math import floor, hypot, pi, remainder, tau
+from math import floor, hypot, pi, remainder, sqrt, tau
 from typing import Final
 
 from estimation.state import Vector
 
 Pair = tuple[float, float]
+
+
+def length(x: float, y: float) -> float:
+    """Return `hypot(x, y)` of numbers whose squares are numbers; compiled code calls `hypot` through Python, and `sqrt`
+    not, which takes a tenth of the time.
+    """
+    return sqrt(x * x + y * y)
 
 
 def limited(value: float, limit: float) -> float:

@@ -33,7 +33,7 @@ from agents.settings.config import AgentConfig
 from agents.settings.sections import EncirclementSettings
 from agents.situation.situation import Situation
 from agents.tactics import Tactic
-from agents.team.messages import MemberState
+from agents.team.numbers import StateNumbers
 from agents.team.ring_members import BESIDE_FOR_S
 from agents.team.team import Team
 from estimation.polar import Polar, polar_from_motion
@@ -375,8 +375,9 @@ class RingFlight:
         headway, team = Headway(polar, headway_m, abreast_m), self._team
         acting_s, about = situation.acting_s, _motion_of(centre)
         for member in team.near():
-            if team.encircles(member):
-                headway.keep_to(_motion(member, acting_s, about))
+            numbers = member.numbers
+            if numbers.on_ring == team.ring_number:
+                headway.keep_to(_motion(numbers, acting_s, about))
         return headway
 
     def _obstacles(self, situation: Situation, centre: Vector, polar: Polar) -> list[Obstacle]:
@@ -427,11 +428,10 @@ def _motion_of(vector: Vector) -> Motion:
     return x, y, x_rate, y_rate
 
 
-def _motion(member: MemberState, at_s: float, centre: Motion) -> Motion:
+def _motion(member: StateNumbers, at_s: float, centre: Motion) -> Motion:
     """Return a peer's motion relative to the centre's (4,) at a time, extrapolated at its published velocity."""
-    it = member.numbers
-    ahead_s = at_s - it.time_s
-    (x, y), (x_rate, y_rate) = it.position_m, it.velocity_m_s
+    ahead_s = at_s - member.time_s
+    (x, y), (x_rate, y_rate) = member.position_m, member.velocity_m_s
     return _relative((x + x_rate * ahead_s, y + y_rate * ahead_s), (x_rate, y_rate), centre)
 
 

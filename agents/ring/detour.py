@@ -5,14 +5,14 @@ across the ring. The bend is outwards and early, and the vehicles keep their ord
 """
 
 from collections.abc import Sequence
-from math import asin, atan2, copysign, cos, hypot, inf, pi, sin, sqrt
+from math import asin, atan2, copysign, cos, inf, pi, sin, sqrt
 from typing import Final
 
 import numpy as np
 
 from estimation.polar import Polar, angular_rate_of, polar_of
 from estimation.state import Vector
-from estimation.vectors import Pair, wrap_signed_rad
+from estimation.vectors import Pair, length, wrap_signed_rad
 
 _GAIN_PER_S: Final = 0.5
 
@@ -41,7 +41,7 @@ class Headway:
         across, along = self._x * its_y - self._y * its_x, self._x * its_x + self._y * its_y
         if along <= 0.0:
             return
-        farther_in_m, headway_m = self._radius_m - hypot(across, along), self._headway_m
+        farther_in_m, headway_m = self._radius_m - length(across, along), self._headway_m
         if abs(across) < headway_m and farther_in_m > _FARTHER_IN * headway_m:
             self._least_m = max(self._least_m, along + sqrt(headway_m * headway_m - across * across))
         if abs(farther_in_m) >= self._abreast_m:

@@ -119,15 +119,16 @@ def place_errors_rad(bearings_rad: Sequence[float], ids: Sequence[int], gaps: Ga
     `2 pi k_i / n` for the k-th of n with even gaps. It is the angle from a vehicle ahead to its place among places that
     are turned to the vehicles' mean, and 0 in sum. With even gaps on a ring of three it is `(phi_lead - phi_lag) / 3`.
     """
-    weights, rank = weights_of(ids, gaps), {each: count for count, each in enumerate(sorted(ids))}
+    count, weights = len(ids), weights_of(ids, gaps)
     unit_rad, before = tau / sum(weights), 0.0
-    apart_rad = [rank[each] * _ABREAST_RAD for each in ids]
-    told_apart = [(bearing + apart) % tau for bearing, apart in zip(bearings_rad, apart_rad, strict=True)]
-    turns = [0.0] * len(ids)
-    for index in sorted(range(len(ids)), key=told_apart.__getitem__):
+    apart_rad, told_apart, turns = [0.0] * count, [0.0] * count, [0.0] * count
+    for rank, index in enumerate(sorted(range(count), key=ids.__getitem__)):
+        apart_rad[index] = rank * _ABREAST_RAD
+        told_apart[index] = (bearings_rad[index] + apart_rad[index]) % tau
+    for index in sorted(range(count), key=told_apart.__getitem__):
         turns[index] = told_apart[index] - apart_rad[index] - before * unit_rad
         before += weights[index]
-    mean_rad = sum(turns) / len(turns)
+    mean_rad = sum(turns) / count
     return [mean_rad - turn for turn in turns]
 
 

@@ -11,7 +11,7 @@ from typing import Final
 
 from agents.notes import GuardCause
 from agents.safety.fence import NearestPoint
-from estimation.vectors import Pair
+from estimation.vectors import Pair, length
 
 _NEAR_M: Final = 1e-6
 
@@ -103,7 +103,7 @@ class Body:
 def apart(position_m: Pair, velocity_m_s: Pair, body: Body, rate_per_s: float, cause: Cause) -> Demand:
     """Demand the distance to a body: h = |dp|^2 - d^2, h' = 2 dp.dv, h'' = 2 |dv|^2 + 2 dp.(a - a_body)."""
     dx, dy = position_m[0] - body.position_m[0], position_m[1] - body.position_m[1]
-    away_m = hypot(dx, dy)
+    away_m = length(dx, dy)
     normal = (dx / away_m, dy / away_m) if away_m > _NEAR_M else (1.0, 0.0)
     away_m = max(away_m, _NEAR_M)
     rel_x, rel_y = velocity_m_s[0] - body.velocity_m_s[0], velocity_m_s[1] - body.velocity_m_s[1]

@@ -9,9 +9,8 @@ from agents.settings.config import AgentConfig
 from agents.situation.situation import Situation
 from agents.tactics import Tactic
 from agents.team.messages import MemberState
-from agents.team.team import ring_of
 from estimation.state import Vector
-from estimation.vectors import Pair
+from estimation.vectors import Pair, length
 
 UNPUBLISHED_ACCELERATION_M_S2: Final = 2.0
 """The largest difference between a vehicle's acceleration and its last published plan."""
@@ -71,7 +70,7 @@ class Neighbours:
             return states
         safety, rate = self._safety, self._safety.barrier_rate_per_s
         x, y, x_rate, y_rate = situation.acting_motion.tolist()
-        speed, turned = hypot(x_rate, y_rate), sqrt(2.0) * self._acceleration_max_m_s2
+        speed, turned = length(x_rate, y_rate), sqrt(2.0) * self._acceleration_max_m_s2
         reach = self._reach_m_s2 + hypot(*situation.disturbance.tolist()) + self._damping_per_s * speed
         reach *= 1.0 + self._damping_per_s * NEAR_FOR_S
         still_m = 3.0 * safety.separation_m + self._passing_m + 2.0 * (reach + max(reach, turned)) / rate**2
@@ -84,9 +83,9 @@ class Neighbours:
             its_x_rate, its_y_rate = it.velocity_m_s
             place_x, place_y = it.position_m
             # The distance that it may close until then, and its closing speed then.
-            its_speed, gained = hypot(its_x_rate, its_y_rate), turned * ahead_s
+            its_speed, gained = length(its_x_rate, its_y_rate), turned * ahead_s
             come_m, closing_m_s = (its_speed + gained / 2.0) * ahead_s, its_speed + gained
-            if hypot(place_x - x, place_y - y) < still_m + 4.0 / rate * closing_m_s + come_m:
+            if length(place_x - x, place_y - y) < still_m + 4.0 / rate * closing_m_s + come_m:
                 near.append(member)
         return near
 
@@ -106,7 +105,7 @@ class Neighbours:
             meeting_s = min(closing / speed2, _MEETS_S) if closing > 0.0 else 0.0
             close_m = _MEETS * safety.separation_m
             close_m += unsure_m(safety.uncertainty_sigmas, own_sigma_m, it.position_sigma_m)
-            if hypot(away_x + rate_x * meeting_s, away_y + rate_y * meeting_s) < close_m:
+            if length(away_x + rate_x * meeting_s, away_y + rate_y * meeting_s) < close_m:
                 return True
         return False
 
@@ -120,7 +119,7 @@ class Neighbours:
         x, y, x_rate, y_rate = situation.acting_motion.tolist()
         w_x, w_y = situation.disturbance.tolist()
         aim_x, aim_y = aim_m.tolist()
-        answer_m_s2 = hypot(
+        answer_m_s2 = length(
             plant_x[0] * (aim_x - x) - plant_x[1] * x_rate + w_x, plant_y[0] * (aim_y - y) - plant_y[1] * y_rate + w_y
         )
         safety, own_sigma_m = self._safety, situation.position_sigma_m
@@ -133,12 +132,12 @@ class Neighbours:
             place_x, place_y = it.position_m
             its_x_rate, its_y_rate = it.velocity_m_s
             changed_m_s = limit_m_s2 * ahead_s
-            away_m = hypot(place_x + its_x_rate * ahead_s - x, place_y + its_y_rate * ahead_s - y)
+            away_m = length(place_x + its_x_rate * ahead_s - x, place_y + its_y_rate * ahead_s - y)
             away_m -= changed_m_s / 2.0 * ahead_s
             unsure = sigmas * (own_sigma_m + it.position_sigma_m)
             keep_m = separation_m + self._passing_m + min(unsure, separation_m)
             keep_m += min(UNPUBLISHED_ACCELERATION_M_S2 / 2.0 * ahead_s * ahead_s, separation_m)
-            closing_m_s = hypot(its_x_rate - x_rate, its_y_rate - y_rate) + changed_m_s
+            closing_m_s = length(its_x_rate - x_rate, its_y_rate - y_rate) + changed_m_s
             evades = member.tactic not in _DOES_NOT_EVADE
             needed_m_s2 = 2.0 * answer_m_s2 if evades else answer_m_s2 + limit_m_s2
             if (
@@ -189,7 +188,7 @@ class Neighbours:
             low_m, high_m = min(low_m, ring_low_m), max(high_m, ring_high_m)
         its_low_m = its_high_m = member.altitude_m
         if member.tactic in _TO_A_RING:
-            ring_low_m, ring_high_m = self._bands_m[ring_of(member)]
+            ring_low_m, ring_high_m = self._bands_m[member.ring_number]
             its_low_m, its_high_m = min(its_low_m, ring_low_m), max(its_high_m, ring_high_m)
         return its_low_m - high_m < apart_m and low_m - its_high_m < apart_m
 
@@ -197,7 +196,7 @@ class Neighbours:
         """Return whether the guard alone keeps a member apart: no ring or line has both, whose plans keep distances."""
         if not encircles:
             return member.tactic in _TO_A_RING
-        return member.tactic != _ENCIRCLES or ring_of(member) != self._ring
+        return member.tactic != _ENCIRCLES or member.ring_number != self._ring
 
     def _body(
         self, member: MemberState, situation: Situation, own_sigma_m: float, *, shares: bool, passes: bool
@@ -211,7 +210,7 @@ class Neighbours:
         moved_m = UNPUBLISHED_ACCELERATION_M_S2 / 2.0 * min(age_s, GOING_ON_S) ** 2
         if ahead_s == GOING_ON_S:
             # By now it hovers or lands; if only its radio failed, it may still fly on until it detects that.
-            moved_m += hypot(x_rate, y_rate) * min(max(age_s - GOING_ON_S, 0.0), self._unnoticed_s)
+            moved_m += length(x_rate, y_rate) * min(max(age_s - GOING_ON_S, 0.0), self._unnoticed_s)
             x_rate = y_rate = x_acceleration = y_acceleration = 0.0
         unsure = unsure_m(safety.uncertainty_sigmas, own_sigma_m, it.position_sigma_m)
         distance_m = separation_m + min(unsure, separation_m) + min(moved_m, separation_m)
@@ -219,9 +218,7 @@ class Neighbours:
         acceleration_m_s2 = x_acceleration, y_acceleration
         return Body((x, y), (x_rate, y_rate), acceleration_m_s2, distance_m, shares, member.sender)
 
-    def _ahead(
-        self, axis: int, position: float, rate: float, aim: float, ahead_s: float
-    ) -> tuple[float, float, float]:
+    def _ahead(self, axis: int, position: float, rate: float, aim: float, ahead_s: float) -> tuple[float, float, float]:
         """Return position, velocity and acceleration along one axis, from the plant's response to the published aim."""
         a0, a1 = self._stiffness[axis]
         limit = self._acceleration_max_m_s2

@@ -62,7 +62,7 @@ class OwnSensor:
         self._own: deque[Sighting] = deque(maxlen=_OWN_MAX)
         self._contradictions: dict[int, Contradiction] = {}
         self._observed_s: dict[int, float] = {}
-        self._sent_s = -inf
+        self._sent_s = self._early_until_s = -inf
         self._early_s = 0.5 / config.rate_hz
         self.team_saw_s = -inf
         """When a sensor of this vehicle or of a peer last saw the target; sensors outside the team do not count."""
@@ -72,6 +72,7 @@ class OwnSensor:
         time_s, sensor_id = sighting.time_s, sighting.sensor_id
         if sensor_id == self._vehicle_id:
             self._own.append(sighting)
+            self._early_until_s = -inf
         elif self._own and self._compares and not self._agrees(sighting):
             return False
         if not SOURCES_FROM <= sensor_id <= SOURCES_TO:
@@ -89,17 +90,25 @@ class OwnSensor:
             return ()
         newest = self._own[-1]
         since_s = newest.time_s - self._sent_s
-        if 0.0 <= since_s < _PERIOD_S - self._early_s or 0.0 <= since_s < self._shared_period_s(now_s) - self._early_s:
+        if since_s >= 0.0 and (
+            since_s < _PERIOD_S - self._early_s or now_s < self._early_until_s or self._is_early(since_s, now_s)
+        ):
             return ()
-        self._sent_s = newest.time_s
+        self._sent_s, self._early_until_s = newest.time_s, -inf
         return (newest,) if self._compares else [each for each in self._own if each.time_s == newest.time_s]
 
-    def _shared_period_s(self, now_s: float) -> float:
-        """Return the period of sightings of each of the sensors that see the target."""
-        observers = 0
+    def _is_early(self, since_s: float, now_s: float) -> bool:
+        """Return whether a time since the last sighting sent is less than the period of each of the sensors that see
+        the target.
+        """
+        observers, early_s, oldest_s = 0, self._early_s, inf
         for seen_s in self._observed_s.values():
-            observers += now_s - seen_s <= OBSERVES_S
-        return observers / SIGHTINGS_HZ
+            if now_s - seen_s <= OBSERVES_S:
+                observers, oldest_s = observers + 1, min(oldest_s, seen_s)
+                if since_s < observers / SIGHTINGS_HZ - early_s:
+                    self._early_until_s = oldest_s + OBSERVES_S
+                    return True
+        return False
 
     def contradictions(self, now_s: float) -> Mapping[int, Contradiction]:
         """Return the sensors that contradict the own one, by their ids."""

@@ -128,4 +128,16 @@ class TeamFrame:
 
 def _less_exact(sighting: Sighting, variance_m2: float) -> Sighting:
     xx, xy, yy = sighting.covariance_m2
-    return replace(sighting, covariance_m2=(xx + variance_m2, xy, yy + variance_m2))
+    return Sighting(
+        sighting.time_s,
+        sighting.sensor_id,
+        sighting.position_m,
+        (xx + variance_m2, xy, yy + variance_m2),
+        sighting.importance,
+        sighting.threat,
+        sighting.altitude_m,
+        sighting.altitude_sigma_m,
+        sighting.frame_sigma_m,
+        sighting.frame_correlation_s,
+        sighting.target,
+    )

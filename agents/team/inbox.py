@@ -11,6 +11,7 @@ from agents.team.clock_watch import ClockWatch
 from agents.team.messages import TOPICS, BusMessage, MemberState, OperatorCommand
 
 _CLOCK_AHEAD_MAX_S: Final = 1.0
+_STATE_AGE_MAX_S: Final = TOPICS[MemberState].age_max_s
 
 
 class Inbox:
@@ -27,21 +28,29 @@ class Inbox:
         self._others |= {vehicle_id}
 
     def accepts(self, message: BusMessage, now_s: float, time_scale: float) -> bool:
-        """Return whether a message is from the team, not too old and not from the future.
+        """Return whether a message other than a state is from the team, not too old and not from the future.
 
         `time_scale` is mission seconds per wall second; transport takes wall time.
         """
         if isinstance(message, OperatorCommand):
             return True
-        age_s = (now_s - message.time_s) / time_scale
-        known = message.sender in self._others
-        if known and isinstance(message, MemberState):
-            self._clocks.receive(message.sender, age_s, now_s)
-        if not known:
+        age_max_s, is_known = TOPICS[type(message)].age_max_s, message.sender in self._others
+        return self._is_fresh((now_s - message.time_s) / time_scale, age_max_s, is_known=is_known)
+
+    def accepts_state(self, state: MemberState, now_s: float, time_scale: float) -> bool:
+        """Return the same for a vehicle's state."""
+        numbers = state.numbers
+        age_s, is_known = (now_s - numbers.time_s) / time_scale, numbers.sender in self._others
+        if is_known:
+            self._clocks.receive(numbers.sender, age_s, now_s)
+        return self._is_fresh(age_s, _STATE_AGE_MAX_S, is_known=is_known)
+
+    def _is_fresh(self, age_s: float, age_max_s: float, *, is_known: bool) -> bool:
+        if not is_known:
             self.dropped.add(Reason.NOT_A_MEMBER)
         elif age_s < -_CLOCK_AHEAD_MAX_S:
             self.dropped.add(Reason.FROM_FUTURE)
-        elif age_s > TOPICS[type(message)].age_max_s:
+        elif age_s > age_max_s:
             self.dropped.add(Reason.TOO_OLD)
         else:
             return True

@@ -21,6 +21,7 @@ from agents.team.numbers import PlaceNumbers, StateNumbers
 from agents.team.packing import FLAT, PAIRED, SHARED, Added, Age, AheadOf, OneOf, Unit, Within
 from agents.team.text import PRINTABLE
 from agents.team.verbs import TARGET, VERBS, Verb
+from estimation.state import Sighting
 
 VehicleId = Annotated[int, msgspec.Meta(ge=1, le=254)]
 TIME_MAX_S = 1e12
@@ -100,7 +101,7 @@ class NeighbourAngle(msgspec.Struct, frozen=True, array_like=True, dict=True):
         )
 
 
-class TargetPackage(msgspec.Struct, frozen=True, array_like=True):
+class TargetPackage(msgspec.Struct, frozen=True, array_like=True, dict=True):
     """One raw sighting of the target, and its recipients: the members within the sender's communication radius.
 
     It is a part of its sender's state. The covariance holds (xx, xy, yy); the altitude is above the mission's origin,
@@ -121,6 +122,22 @@ class TargetPackage(msgspec.Struct, frozen=True, array_like=True):
     frame_sigma_m: Annotated[float, msgspec.Meta(ge=0.0, le=100.0), Unit(1e3, "above")] = 0.0
     frame_correlation_s: Annotated[_Seconds, PAIRED] = 0.0
     target: Annotated[Annotated[int, msgspec.Meta(ge=0, lt=TARGETS_MAX)] | None, Added(1)] = None
+
+    @cached_property
+    def sighting(self) -> Sighting:
+        """The sighting, without the name of its target; raises ValueError if its numbers are invalid."""
+        return Sighting(
+            self.time_s,
+            self.sender,
+            self.position_m,
+            self.covariance_m2,
+            self.importance,
+            self.threat,
+            self.altitude_m,
+            self.altitude_sigma_m,
+            self.frame_sigma_m,
+            self.frame_correlation_s,
+        )
 
 
 class RingValues(msgspec.Struct, frozen=True, array_like=True):
@@ -302,10 +319,18 @@ class MemberState(msgspec.Struct, frozen=True, array_like=True, dict=True):
             self.aim_m,
             self.altitude_m,
             self.position_sigma_m,
+            self.ring_number if self.tactic == _ENCIRCLES else -1,
+            has_sightings=len(self.sightings) > 0,
         )
+
+    @property
+    def ring_number(self) -> int:
+        """The number of the vehicle's ring, 0 in a mission of one."""
+        return 0 if self.choice is None or self.choice.ring is None else self.choice.ring
 
 
 _STATE_IDS: Final = count(1)
+_ENCIRCLES: Final = Tactic.ENCIRCLE.value
 
 
 class MissionIdentity(msgspec.Struct, frozen=True, array_like=True):

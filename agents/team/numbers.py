@@ -9,8 +9,8 @@ from typing import Final
 class StateNumbers:
     """The numbers of a member's state (`agents.team.messages.MemberState`), in its units and frame.
 
-    `goes_on` is the last comparison of the state's task with an earlier state of `compared_id`, 0 for none: nearly all
-    vehicles of a process compare the same two.
+    `on_ring` is the number of the ring about which it flies, -1 for none; `goes_on` is whether its task goes on from an
+    earlier state, that of `compared_id`, 0 for none (`Team.waits`).
     """
 
     def __init__(
@@ -23,6 +23,9 @@ class StateNumbers:
         aim_m: tuple[float, float],
         altitude_m: float,
         position_sigma_m: float,
+        on_ring: int,
+        *,
+        has_sightings: bool,
     ) -> None:
         """Take the numbers, and an id that no other state of the process has."""
         self.state_id: Final = state_id
@@ -33,6 +36,8 @@ class StateNumbers:
         self.aim_m: Final = aim_m
         self.altitude_m: Final = altitude_m
         self.position_sigma_m: Final = position_sigma_m
+        self.on_ring: Final = on_ring
+        self.has_sightings: Final = has_sightings
         self.compared_id = 0
         self.goes_on = False
 

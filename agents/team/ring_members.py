@@ -101,16 +101,16 @@ class RingMembers:
 
         They are those up to the next one whose radius differs by less than `within_m`, and those about as near as it.
         """
-        ahead_rad, next_rad, abreast_m = list[float](), list[float](), within_m - _RADIUS_M
+        ahead_rad, lead_rad, lag_rad, abreast_m = list[float](), inf, -inf, within_m - _RADIUS_M
         for each in self._on_ring():
             each_rad = (each.bearing_at_rad(at_s) - bearing_rad) % tau
             ahead_rad.append(each_rad)
             if abs(each.radius_m - radius_m) < abreast_m:
-                next_rad.append(each_rad)
-        if not next_rad:
+                lead_rad, lag_rad = min(lead_rad, each_rad or tau), max(lag_rad, each_rad)
+        if lag_rad == -inf:
             return self._ids
         about_rad = _ALONG_M / max(radius_m, within_m)
-        lead_rad, lag_rad = min([each or tau for each in next_rad]) + about_rad, max(next_rad) - about_rad
+        lead_rad, lag_rad = lead_rad + about_rad, lag_rad - about_rad
         by_id = zip(self._ids, ahead_rad, strict=True)
         return tuple([sender for sender, each_rad in by_id if not lead_rad < each_rad < lag_rad])
 
@@ -164,7 +164,8 @@ class RingMembers:
     def _on_ring(self) -> Iterable[PlaceNumbers]:
         # Used several times a tick, and constant until a peer engages or leaves, or the ring changes its size.
         if self._engaged is None:
-            self._engaged = {sender: place for sender, place in self._places.items() if self._is_engaged(sender)}
+            # In the order of their ids, so that sorting them costs little.
+            self._engaged = {each: self._places[each] for each in sorted(self._places) if self._is_engaged(each)}
             self._ids = tuple(self._engaged)
             self._shares, self._references = FULL_RING, None
             for place in self._engaged.values():

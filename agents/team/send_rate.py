@@ -5,12 +5,12 @@ While this agrees with the vehicle's present state, a few states a second are su
 the number of vehicles, and allows for the loss of a state.
 """
 
-from math import hypot, inf
+from math import inf
 from typing import Final
 
 from agents.tactics import Tactic
 from agents.team.messages import TOPICS, MemberState, NeighbourAngle, RingChoice
-from estimation.vectors import wrap_signed_rad
+from estimation.vectors import length, wrap_signed_rad
 
 HEARTBEAT_S: Final = 0.2
 """The period of states that continue as predicted: a sender is gone after ten of them are missing."""
@@ -75,19 +75,11 @@ def goes_on(before: MemberState, state: MemberState) -> bool:
     (aim_x, aim_y), (before_aim_x, before_aim_y) = state.aim_m, before.aim_m
     aim_x_rate, aim_y_rate = before.aim_rate_m_s
     return (
-        hypot(x - before_x - before_x_rate * step_s, y - before_y - before_y_rate * step_s) <= _POSITION_M
-        and hypot(x_rate - before_x_rate, y_rate - before_y_rate) <= _VELOCITY_M_S
-        and hypot(aim_x - before_aim_x - aim_x_rate * step_s, aim_y - before_aim_y - aim_y_rate * step_s)
+        length(x - before_x - before_x_rate * step_s, y - before_y - before_y_rate * step_s) <= _POSITION_M
+        and length(x_rate - before_x_rate, y_rate - before_y_rate) <= _VELOCITY_M_S
+        and length(aim_x - before_aim_x - aim_x_rate * step_s, aim_y - before_aim_y - aim_y_rate * step_s)
         <= (_FOLLOWED_M if state.tactic == _FORMATION else _AIM_M)
     )
-
-
-def received_goes_on(before: MemberState, state: MemberState) -> bool:
-    """Return the same as `task_goes_on` of two received states, which nearly all vehicles of a process compare."""
-    compared_id, numbers = before.numbers.state_id, state.numbers
-    if numbers.compared_id != compared_id:
-        numbers.goes_on, numbers.compared_id = task_goes_on(before, state), compared_id
-    return numbers.goes_on
 
 
 def task_goes_on(before: MemberState, state: MemberState) -> bool:

@@ -1,21 +1,23 @@
 """The peers of a vehicle: the newest fresh message of each kind from each peer."""
 
 from collections.abc import Iterable, Mapping, Sequence
-from math import hypot, inf
+from math import inf
 from typing import Final
 
 from agents.tactics import Tactic
 from agents.team.consistency_check import ConsistencyCheck, Inconsistency
 from agents.team.messages import TOPICS, MemberState
+from agents.team.numbers import StateNumbers
 from agents.team.ring_members import RingMembers
-from agents.team.send_rate import received_goes_on
+from agents.team.send_rate import task_goes_on
 from estimation.state import Vector
+from estimation.vectors import length
 
 _SILENT_S = TOPICS[MemberState].age_max_s
 """A peer that is not received for this long is silent: the guard assumes that it does not evade."""
 GONE_S: Final = 2.0
 """After this it is gone: it is no member any more, and its place is taken. Ten of its states are then missing."""
-_IN_FORMATION, _ON_RING = Tactic.FORMATION.value, Tactic.ENCIRCLE.value
+_IN_FORMATION = Tactic.FORMATION.value
 _LEAVING = (Tactic.LAND.value, Tactic.PILOT_OVERRIDE.value)
 """Peers with one of these tactics in their last state are expected to fall silent."""
 _WATCHED_MAX_S: Final = 1.0
@@ -35,6 +37,7 @@ class Team:
         """Take the consistency check of states."""
         self._consistency = consistency
         self._members: dict[int, MemberState] = {}
+        self._numbers: dict[int, StateNumbers] = {}
         self._all: tuple[MemberState, ...] | None = None
         self._waiting: dict[int, MemberState] = {}
         self._silent: dict[int, MemberState] = {}
@@ -45,7 +48,8 @@ class Team:
         self._watched_until_s = -inf
         self._oldest_s = inf
         self.ring = RingMembers(self._engaged)
-        self._ring_number = 0
+        self.ring_number = 0
+        """The number of the vehicle's ring among the mission's: `ring` has the peers on this one."""
 
     def waits(self, state: MemberState) -> bool:
         """Return whether a state may wait: from a distant peer with an unchanged task, without a sighting.
@@ -56,12 +60,15 @@ class Team:
             return False
         numbers = state.numbers
         sender = numbers.sender
-        if sender in self._near_ids or state.sightings:
+        if sender in self._near_ids or numbers.has_sightings:
             return False
-        known = self._members.get(sender)
-        if known is None:
+        known = self._numbers.get(sender)
+        if known is None or not 0.0 < numbers.time_s - known.time_s < _FAR_PERIOD_S:
             return False
-        if not 0.0 < numbers.time_s - known.numbers.time_s < _FAR_PERIOD_S or not received_goes_on(known, state):
+        # Nearly all vehicles of a process compare the same two states.
+        if numbers.compared_id != known.state_id:
+            numbers.goes_on, numbers.compared_id = task_goes_on(self._members[sender], state), known.state_id
+        if not numbers.goes_on:
             return False
         self._waiting[sender] = state
         return True
@@ -81,10 +88,10 @@ class Team:
         sender, time_s = numbers.sender, numbers.time_s
         if self._waiting:
             self._waiting.pop(sender, None)
-        known = self._members.get(sender)
-        known_s = -inf if known is None else known.numbers.time_s
+        known = self._numbers.get(sender)
+        known_s = -inf if known is None else known.time_s
         if self._consistency.accepts(state, known=time_s - known_s <= _SILENT_S) and time_s > known_s:
-            self._members[sender] = state
+            self._members[sender], self._numbers[sender] = state, numbers
             self._all = self._near = None
             if self._silent:
                 self._silent.pop(sender, None)
@@ -94,7 +101,7 @@ class Team:
                 self._received.add(sender)
                 if self._near_ids is not None:
                     self._near_ids.add(sender)
-            if known is None or state.tactic != known.tactic or ring_of(state) != ring_of(known):
+            if known is None or numbers.on_ring != known.on_ring:
                 self.ring.changed()
         if state.angle is not None:
             self.ring.receive(state.angle)
@@ -106,6 +113,7 @@ class Team:
         member = self._members.pop(vehicle_id, None)
         self.ring.forget(vehicle_id)
         if member is not None:
+            del self._numbers[vehicle_id]
             self._lost[vehicle_id] = member
             self._all = self._near = None
             self.ring.changed()
@@ -114,19 +122,20 @@ class Team:
         """Drop messages that are too old; `time_scale` is mission seconds per wall second."""
         silent_s, gone_s = now_s - _SILENT_S * time_scale, now_s - GONE_S * time_scale
         if self._oldest_s < silent_s:
-            for sender in [s for s, m in self._members.items() if m.time_s < silent_s]:
+            for sender in [s for s, numbers in self._numbers.items() if numbers.time_s < silent_s]:
                 if sender in self._waiting:
                     self.receive(self._waiting[sender])
                 member = self._members[sender]
                 if member.time_s < gone_s:
                     self._lost[sender] = self._members.pop(sender)
+                    del self._numbers[sender]
                     self._silent.pop(sender, None)
                     self._all = None
                     self.ring.changed()
                 elif member.time_s < silent_s:
                     self._silent[sender] = member
                 self._near = None
-            self._oldest_s = min((m.time_s for m in self._members.values()), default=inf)
+            self._oldest_s = min([numbers.time_s for numbers in self._numbers.values()], default=inf)
         if self.ring.oldest_s < gone_s:
             self.ring.expire(gone_s)
         if self._consistency.contested:
@@ -200,22 +209,22 @@ class Team:
     def within(self, position_m: Vector, radius_m: float) -> tuple[int, ...]:
         """Return the peers within a radius of a position (2,)."""
         x, y = position_m.tolist()
-        return tuple(s for s, m in self._members.items() if hypot(m.position_m[0] - x, m.position_m[1] - y) <= radius_m)
+        found = list[int]()
+        for sender, numbers in self._numbers.items():
+            its_x, its_y = numbers.position_m
+            if length(its_x - x, its_y - y) <= radius_m:
+                found.append(sender)
+        return tuple(found)
 
     def follow_ring(self, number: int) -> None:
-        """Take the number of the vehicle's ring among the mission's: `ring` has the peers on this one."""
-        self._ring_number = number
+        """Take the number of the vehicle's ring."""
+        self.ring_number = number
         self.ring.changed()
 
     def encircles(self, member: MemberState) -> bool:
         """Return whether a member is on the vehicle's ring, or comes to it."""
-        return member.tactic == _ON_RING and ring_of(member) == self._ring_number
+        return member.numbers.on_ring == self.ring_number
 
     def _engaged(self, sender: int) -> bool:
         member = self._members.get(sender)
         return member is None or self.encircles(member)
-
-
-def ring_of(state: MemberState) -> int:
-    """Return the number of a vehicle's ring, 0 in a mission of one."""
-    return 0 if state.choice is None or state.choice.ring is None else state.choice.ring

@@ -97,9 +97,10 @@ def fly_sweep(options: SweepOptions) -> Exit:
             _fly(plan, faults, journal, options)
         except _EndedError as error:
             problem = str(error)
-        else:
-            write_whole(folder.table, table_bytes(plan, journal.rows))
-    summary = SweepSummary.of(len(plan.runs), journal.rows.values())
+        rows = journal.rows()
+        if not problem:
+            write_whole(folder.table, table_bytes(plan, rows))
+    summary = SweepSummary.of(len(plan.runs), rows.values())
     _report(options, summary, folder.table, problem)
     if problem:
         return Exit.ENDED_IN_FLIGHT
@@ -164,10 +165,10 @@ def _fly(plan: "SweepPlan", faults: dict[int, str], journal: "SweepJournal", opt
     from gcs.sweep.workers import failure
 
     for index, reason in faults.items():
-        if index not in journal.rows:
+        if index not in journal.finished:
             journal.append(index, failure(reason))
     runs = len(plan.runs)
-    missing = runs - len(journal.rows)
+    missing = runs - len(journal.finished)
     print_line(f"{options.mission}: {plan.line}")
     if missing < runs:
         print_line(f"{options.out}: {runs - missing} of the runs are finished or have no valid mission")

@@ -13,7 +13,6 @@ from time import monotonic, time
 from agents.ports import VehicleRefusedError
 from agents.team.messages import BusMessage, MemberState, TargetPackage, newest_ring
 from agents.team.perception import TOPIC
-from agents.team.team import ring_of
 from agents.team.text import printable
 from gcs.console.advice import severity
 from gcs.console.command_client import TeamClock
@@ -213,7 +212,7 @@ class TeamEvents:
         rings = self._mission.rings
         centres: dict[int, tuple[float, float]] = {}
         for number in range(max(len(rings), 1)):
-            known_m = [_centre_m(each) for each in states if each.angle is not None and ring_of(each) == number]
+            known_m = [_centre_m(each) for each in states if each.angle is not None and each.ring_number == number]
             if known_m:
                 x, y = (sum(values) / len(known_m) for values in zip(*known_m, strict=True))
                 centres[rings[number].target if rings else 0] = x, y

@@ -13,7 +13,6 @@ from agents.notes import AlertChange, CommandOutcome, Note
 from agents.outputs import CoreStatus
 from agents.tactics import NO_TACTIC
 from agents.team.messages import CameraView, CommandAnswer, CommandKey, MemberState, NeighbourAngle
-from agents.team.team import ring_of
 from estimation.state import MOTION, POSITION, VELOCITY, Vector
 from gcs.metrics.apart import closest_on_ways_m, ways_s
 from gcs.metrics.ending import VehicleEnding
@@ -304,7 +303,7 @@ class Journal:
         where the receiver's `ring` is about the same target.
         """
         for peer in peers:
-            samples, its_ring = self._received[peer.sender], ring_of(peer)
+            samples, its_ring = self._received[peer.sender], peer.ring_number
             motion = np.array([*peer.position_m, *peer.velocity_m_s])
             samples.add(peer.time_s, motion, peer.altitude_m, peer.tactic, its_ring)
             angle, is_same = angles.get(peer.sender), self._target_number(its_ring) == self._target_number(ring)

@@ -45,8 +45,9 @@ def read_rows(path: Path) -> dict[int, Row]:
 
 
 class SweepJournal:
-    """A journal to append to, as a context manager, locked by one process at a time. `rows` are its present rows.
+    """A journal to append to, as a context manager, locked by one process at a time.
 
+    `finished` are the indexes of its runs. Their rows stay in the file: those of 10 000 runs take 55 MB of memory.
     Raises InputError if another process has locked it, OSError if it cannot be written.
     """
 
@@ -59,7 +60,7 @@ class SweepJournal:
             raise InputError([f"{path}: another sweep writes to it; end that sweep, or wait for it"]) from error
         whole = path.read_bytes().rfind(b"\n") + 1
         self._file.truncate(whole)  # removes an incomplete last line
-        self.rows = read_rows(path)
+        self._path, self.finished = path, set(read_rows(path))
 
     def __enter__(self) -> Self:
         return self
@@ -71,10 +72,14 @@ class SweepJournal:
 
     def append(self, run: int, row: Row) -> None:
         """Append a finished run; raises OSError if it cannot be written."""
-        self.rows[run] = row
+        self.finished.add(run)
         self._file.write(msgspec.json.encode(_Line(run, row)) + b"\n")
         self._file.flush()
         os.fsync(self._file.fileno())
+
+    def rows(self) -> dict[int, Row]:
+        """Return the rows of the finished runs by run index; raises OSError."""
+        return read_rows(self._path)
 
 
 PLAN, JOURNAL, TABLE, MISSION = "sweep.json", "runs.jsonl", "runs.parquet", "mission"
@@ -104,7 +109,7 @@ class SweepFolder:
         try:
             self.path.mkdir(FOLDER_MODE, parents=True, exist_ok=True)
             journal = SweepJournal(self.path / JOURNAL)
-            if journal.rows:
+            if journal.finished:
                 self._require_same(plan)
             else:
                 self._keep(mission, plan)

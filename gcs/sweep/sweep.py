@@ -1,7 +1,7 @@
 """Flies a sweep: submits its runs to workers, and keeps the row of each."""
 
 from collections import Counter, deque
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from concurrent.futures import FIRST_COMPLETED, CancelledError, Future, wait
 from functools import partial
 from time import monotonic
@@ -92,9 +92,11 @@ class PlannedFlights:
 
 
 class FinishedRuns(Protocol):
-    """The rows of finished runs by their indexes."""
+    """The finished runs."""
 
-    rows: dict[int, Row]
+    @property
+    def finished(self) -> Collection[int]:
+        """The indexes of the finished runs."""
 
     def append(self, run: int, row: Row) -> None:
         """Append a finished run; raises OSError if it cannot be written."""
@@ -112,7 +114,7 @@ def fly_missing(
     Raises KeyboardInterrupt when `interrupted`, WorkersError if the workers cannot continue, and OSError if the journal
     cannot be written. The journal then holds all finished runs; a second call continues from there.
     """
-    waiting = deque(index for index in range(len(flights)) if index not in journal.rows)
+    waiting = deque(index for index in range(len(flights)) if index not in journal.finished)
     flying: dict[Future[Row], int] = {}
     deaths: Counter[int] = Counter()
     rows: list[tuple[int, Row]] = []
