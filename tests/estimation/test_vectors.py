@@ -1,19 +1,25 @@
 """Clipping a vector, against its direction and length worked out by other means; rounding, against Python's."""
 
 from cmath import phase
+from math import hypot
 
 import numpy as np
 import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from estimation.vectors import clipped, clipped_pair, rounded
+from estimation.vectors import clipped, clipped_pair, length, rounded
 
 component = st.floats(-1e6, 1e6).filter(lambda value: value == 0.0 or abs(value) > 1e-6)
-length = st.floats(1e-3, 1e6)
+lengths = st.floats(1e-3, 1e6)
 
 
-@given(x=component, y=component, length_max=length)
+@given(x=component, y=component)
+def test_the_length_is_that_of_the_standard_library(x: float, y: float) -> None:
+    assert length(x, y) == pytest.approx(hypot(x, y), rel=4e-16, abs=0.0)
+
+
+@given(x=component, y=component, length_max=lengths)
 def test_a_vector_too_long_keeps_its_direction_and_gets_the_length(x: float, y: float, length_max: float) -> None:
     assume(abs(complex(x, y)) > length_max * (1.0 + 1e-9))
     for shorter in (clipped(np.array([x, y]), length_max).tolist(), clipped_pair((x, y), length_max)):

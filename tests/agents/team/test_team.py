@@ -165,6 +165,14 @@ def test_what_is_new_about_one_far_away_counts_at_once(changed: dict[str, Any]) 
     assert team.member(3).time_s == 10.1
 
 
+def test_each_vehicle_compares_a_state_with_the_one_that_it_knows() -> None:
+    """All vehicles of a process share a received state, but not all have received the same ones before."""
+    informed, other, state = far_and_near(), far_and_near(), replace(member(3, 10.2, "encircle"), angle=angle(3, 10.2))
+    receive(informed, replace(state, time_s=10.1, alert="battery low"))
+    for team, waits in ((other, True), (informed, False), (other, True)):
+        assert team.waits(state) is waits
+
+
 def test_one_far_away_is_as_fresh_as_its_last_state() -> None:
     team = far_and_near()
     receive(team, member(1, 10.2, "encircle"))
