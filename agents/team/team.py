@@ -44,7 +44,7 @@ class Team:
         self._lost: dict[int, MemberState] = {}
         self._received: set[int] = set()
         self._near: tuple[MemberState, ...] | None = None
-        self._near_ids: set[int] | None = None
+        self._near_ids: dict[int, None] | None = None
         self._watched_until_s = -inf
         self._oldest_s = inf
         self.ring = RingMembers(self._engaged)
@@ -79,7 +79,7 @@ class Team:
 
     def watch(self, near: Sequence[MemberState], until_s: float) -> None:
         """Set the near members until a time less than a second from now."""
-        self._near_ids = None if len(near) == len(self._members) else {each.sender for each in near}
+        self._near_ids = None if len(near) == len(self._members) else dict.fromkeys([each.sender for each in near])
         self._near, self._watched_until_s = None, until_s
 
     def receive(self, state: MemberState) -> None:
@@ -100,7 +100,7 @@ class Team:
                 self._lost.pop(sender, None)
                 self._received.add(sender)
                 if self._near_ids is not None:
-                    self._near_ids.add(sender)
+                    self._near_ids[sender] = None
             if known is None or numbers.on_ring != known.on_ring:
                 self.ring.changed()
         if state.angle is not None:
@@ -156,8 +156,8 @@ class Team:
         if self._near_ids is None and not self._silent:
             return self.members()
         if self._near is None:
-            near = self._members if self._near_ids is None else self._near_ids
-            self._near = tuple([m for s, m in self._members.items() if s in near and s not in self._silent])
+            near, members = self._members if self._near_ids is None else self._near_ids, self._members
+            self._near = tuple([members[each] for each in near if each in members and each not in self._silent])
         return self._near
 
     def lost(self, now_s: float, for_s: float) -> tuple[MemberState, ...]:

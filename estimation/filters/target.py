@@ -103,6 +103,15 @@ class _Segment:
         self.sightings = [first]
         self.refused = 0
 
+    def has(self, sighting: Sighting) -> bool:
+        """Return whether it has a sighting; its own are in the order of time."""
+        for each in reversed(self.sightings):
+            if each.time_s < sighting.time_s:
+                return False
+            if each == sighting:
+                return True
+        return False
+
     def copy(self) -> "_Segment":
         other = _Segment(self.before, self.sightings[0])
         other.sightings, other.refused = self.sightings.copy(), self.refused
@@ -225,7 +234,7 @@ class TargetFilter:
 
     def _is_repeat(self, sighting: Sighting) -> bool:
         for segment in reversed(self._segments):
-            if segment.from_s <= sighting.time_s and sighting in segment.sightings:
+            if segment.from_s <= sighting.time_s and segment.has(sighting):
                 return True
             if segment.from_s < sighting.time_s:
                 return False
