@@ -25,6 +25,7 @@ COMPILED = (
     "agents/control",
     "agents/core.py",
     "agents/gimbal.py",
+    "agents/recording.py",
     "agents/ring",
     "agents/safety",
     "agents/setpoint.py",

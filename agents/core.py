@@ -110,7 +110,7 @@ _GOES_ON = ("start", "resume", "formation", "ring", "assign", "goto", "look")
 """With any other verb an operator takes the decision to resume."""
 
 
-@mypyc_attr(allow_interpreted_subclasses=True)  # RecordedCore
+@mypyc_attr(allow_interpreted_subclasses=True)  # those of tests
 class VehicleCore:
     """Estimates, decides, plans and guards for one vehicle; `planner` makes its plug-in planner, if any."""
 

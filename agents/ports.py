@@ -209,6 +209,10 @@ class PeerBus(Protocol):
         """Whether an operator is present on the bus."""
 
     @property
+    def operators_seen(self) -> int:
+        """How often an operator has come so far."""
+
+    @property
     def revoked(self) -> tuple[str, ...]:
         """The common names whose keys were revoked since it was opened: nothing is received from them."""
 

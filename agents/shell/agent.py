@@ -44,6 +44,7 @@ from agents.team.messages import (
     CommandAnswer,
     CommandedRing,
     CommandKey,
+    MemberState,
     OperatorCommand,
     Outlook,
     StartProposal,
@@ -453,6 +454,9 @@ class Agent:
         return self.in_reserve and command.vehicle is None and command.verb != "kill"
 
     def _receive(self, message: BusMessage) -> None:
+        if isinstance(message, MemberState):  # nearly all are
+            self._core.take(Message(self._clock.now_s(), message))
+            return
         if isinstance(message, OperatorCommand) and self._is_for_flying(message):
             return
         if isinstance(message, OperatorCommand):

@@ -128,6 +128,8 @@ class Mailbox:
         self._filled: dict[int, _Box] = {}
         self._presence: dict[int, bool] = {}
         self._present_operators: set[str] = set()
+        self.operators_seen = 0
+        """How often an operator has come so far."""
         self._awaited = False
         self._dropped = DropCounter()
 
@@ -218,6 +220,7 @@ class Mailbox:
                 self._present_operators.discard(name)
             elif is_name(name) and len(self._present_operators) < _GUESTS:
                 self._present_operators.add(name)
+                self.operators_seen += 1
 
     def block(self, keys: frozenset[str]) -> bool:
         """Drop from now on what comes on these keys, waiting messages and presence included; returns as `put`."""

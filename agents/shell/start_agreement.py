@@ -3,7 +3,8 @@
 import asyncio
 from collections import Counter
 from collections.abc import Collection, Iterable, Mapping
-from math import ceil
+from itertools import count
+from math import ceil, inf
 
 import msgspec
 
@@ -119,12 +120,17 @@ START_TIMEOUT_S = 120.0
 CLOCKS_TIMEOUT_S = 1.2
 """The longest wait of a take-off for the clocks of present peers [wall s], which may still be connecting."""
 _PERIOD_S = TOPICS[StartProposal].period_s
+_IN_FLIGHT_EACH = 5
+"""In flight one of so many proposals is sent: each of 64 vehicles would receive 320 a second, as many as states."""
+_OFTEN_FOR_S = 2.0
+"""How long all are sent to one that has just come, which compares clocks and missions with them [wall s]."""
 
 
 class StartAgreement:
     """Sends time and mission to the peers after `announce`, and readiness after `agree`; receives theirs.
 
-    It continues in flight, because operators compare the mission with theirs before they send a command.
+    It continues in flight, because operators compare the mission with theirs before they send a command: once a second,
+    and more often when an operator or a vehicle has come, or while one has not begun the mission.
     """
 
     def __init__(
@@ -150,6 +156,8 @@ class StartAgreement:
         self._announcing: asyncio.Task[None] | None = None
         self._agreeing = False
         self._agreed = False
+        self._often_until_s = -inf
+        self._operators_seen = 0
         self._is_added = is_added
         self._adds: AddedVehicle | None = None
         self._answer: AddedAnswer | None = None
@@ -208,6 +216,8 @@ class StartAgreement:
         """
         if self._announcing is None:  # the speed of this clock is not set yet
             return
+        if isinstance(message, StartProposal) and message.start_s is None:
+            self._send_often()
         if isinstance(message, StartProposal) and message.answer is not None:
             self._take_answer(message.sender, message.answer)
         if isinstance(message, StartProposal) and self._agreed:
@@ -236,6 +246,8 @@ class StartAgreement:
     def note_presence(self, vehicle_id: int, present: bool) -> None:
         """Take whether a peer is present."""
         (self._present.add if present else self._present.discard)(vehicle_id)
+        if present:
+            self._send_often()
 
     async def compare_clocks(self) -> None:
         """Compare clocks with the peers present, while all are on the ground; later ones are compared in `agree`.
@@ -294,10 +306,20 @@ class StartAgreement:
             self._announcing.cancel()
 
     async def _announce(self) -> None:
-        while True:
-            if not self._agreeing:
+        for turn in count():
+            if not self._agreeing and self._is_due(turn):
                 self._publish(self._readiness.message(self._clock.now_s(), ready=self._agreed))
             await (self._clock.sleep(_PERIOD_S * self._clock.time_scale) if self._agreed else self._pause())
+
+    def _is_due(self, turn: int) -> bool:
+        if self._bus.operators_seen != self._operators_seen:
+            self._operators_seen = self._bus.operators_seen
+            self._send_often()
+        return not self._agreed or turn % _IN_FLIGHT_EACH == 0 or self._clock.now_s() < self._often_until_s
+
+    def _send_often(self) -> None:
+        if self._agreed:
+            self._often_until_s = self._clock.now_s() + _OFTEN_FOR_S * self._clock.time_scale
 
     def _require_one_mission(self) -> None:
         """Refuse to fly with a vehicle of the team that flies another mission, or another version of this one."""

@@ -130,6 +130,11 @@ class ZenohBus:
         """Whether an operator is on the bus."""
         return self._mailbox.operated
 
+    @property
+    def operators_seen(self) -> int:
+        """How often an operator has come so far."""
+        return self._mailbox.operators_seen
+
     def admit(self, vehicle_id: int) -> None:
         """Receive from now on a vehicle that joins the team in flight."""
         self._names[str(vehicle_id)] = vehicle_id
@@ -335,6 +340,11 @@ class ParticipantBus:
     def operated(self) -> bool:
         """Whether an operator is on the bus, including this participant."""
         return self._bus.operated
+
+    @property
+    def operators_seen(self) -> int:
+        """How often an operator has come so far."""
+        return self._bus.operators_seen
 
     @property
     def revoked(self) -> tuple[str, ...]:

@@ -190,6 +190,7 @@ class FakeBus:
 
     alive = True
     operated = False
+    operators_seen = 0
     revoked: tuple[str, ...] = ()
     refusals: Refusals = MappingProxyType({})
     heads: Mapping[str, bytes] = MappingProxyType({})

@@ -190,7 +190,7 @@ class TeamBus:
 class MemberBus:
     """One vehicle's part of the bus; implements `agents.ports.PeerBus`."""
 
-    operated, revoked, drops = False, (), NO_DROPS
+    operated, operators_seen, revoked, drops = False, 0, (), NO_DROPS
     refusals: Refusals = MappingProxyType({})
     heads: Mapping[str, bytes] = MappingProxyType({})
 

@@ -55,6 +55,11 @@ class FailingBus:
         return self._bus.operated
 
     @property
+    def operators_seen(self) -> int:
+        """How often an operator has come to the real bus."""
+        return self._bus.operators_seen
+
+    @property
     def revoked(self) -> tuple[str, ...]:
         """The common names that were revoked on the real bus."""
         return self._bus.revoked

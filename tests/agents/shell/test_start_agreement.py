@@ -157,6 +157,8 @@ class Clock:
 class Air:
     """A bus that keeps what is said; two others, 2 and 3, are up."""
 
+    operators_seen = 0
+
     def __init__(self, clock: Clock, mission: MissionIdentity | None = None) -> None:
         self.said: list[StartProposal] = []
         self.agreement = StartAgreement(cast(PeerBus, self), cast(MissionClock, clock), 1, [1, 2, 3], mission)
@@ -185,6 +187,34 @@ def test_who_comes_when_the_mission_has_begun_is_told_when_that_was() -> None:
         assert [(told.sender, told.start_s, told.ready) for told in air.said] == [(1, start_s, True)] * 2
 
     asyncio.run(late())
+
+
+@pytest.mark.parametrize("comes", ["operator", "vehicle", "late vehicle", ""])
+def test_proposals_are_rare_in_flight_but_for_those_who_have_just_come(comes: str) -> None:
+    async def flown() -> None:
+        clock = Clock()
+        air = Air(clock)
+        air.agreement.announce()
+        start_s = await air.agreement.agree()
+        await clock.sleep(5.0)
+
+        async def said_in(duration_s: float) -> int:
+            air.said.clear()
+            await clock.sleep(duration_s)
+            return len(air.said)
+
+        assert 8 <= await said_in(10.0) <= 11
+        air.operators_seen += comes == "operator"
+        if comes == "vehicle":
+            air.agreement.note_presence(3, present=True)
+        if comes == "late vehicle":
+            air.agreement.receive(StartProposal(9, clock.time_s, None))
+        assert (await said_in(1.8) >= SAMPLES_MIN) is (comes != "")
+        await clock.sleep(1.0)
+        assert 8 <= await said_in(10.0) <= 11
+        assert {each.start_s for each in air.said} == {start_s}
+
+    asyncio.run(flown())
 
 
 @pytest.mark.parametrize(
