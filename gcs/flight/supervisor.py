@@ -196,8 +196,8 @@ class _PollPace:
     def wait(self) -> None:
         if self._seat is None:
             time.sleep(POLL_PERIOD_S)
-        else:
-            self._seat.wait_until(self._seat.now_us + round(POLL_PERIOD_S * US_PER_S))
+        elif not self._seat.wait_until(self._seat.now_us + round(POLL_PERIOD_S * US_PER_S)):
+            self.leave_clock()  # nothing moves it any more: by the wall's from now on
 
     def leave_clock(self) -> None:
         if self._seat is not None:

@@ -29,6 +29,7 @@ from agents.team.text import printable
 from gcs.errors import InputError
 from gcs.keys.private_files import FILE_MODE, locked_runtime_folder, make_folder
 from gcs.mission.mission import Mission, MissionVehicle
+from sitl.server.file_lock import is_locked
 
 _COMMAND_LENGTH = 160
 _LOOPBACK = "127.0.0.1"
@@ -177,18 +178,7 @@ def added_text(mission: Mission) -> str | None:
     """
     with _claims_folder() as folder:
         path = folder / _added_name(mission)
-        return path.read_text() if path.exists() and _is_held(path) else None
-
-
-def _is_held(path: Path) -> bool:
-    claim = os.open(path, os.O_RDWR)
-    try:
-        fcntl.flock(claim, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except BlockingIOError:
-        return True
-    finally:
-        os.close(claim)
-    return False
+        return path.read_text() if path.exists() and is_locked(path) else None
 
 
 def _opened(path: Path) -> int:
