@@ -108,7 +108,10 @@ def _sockets(kind: str) -> list[Any]:
 
 
 _LISTENING = ("udpin", "tcpin")
-STILL_FLIES = "command its vehicles by `cordon command`, such as `cordon command rtl`, or end that flight"
+STILL_FLIES = (
+    "command its vehicles by `cordon command`, such as `cordon command rtl`, or end that flight; --only ID brings home "
+    "one that it does not fly"
+)
 
 
 class Claims(ExitStack):
@@ -241,13 +244,15 @@ def flight_claims(mission: Mission, stubs: Collection[int]) -> Iterator[Claims]:
 
 
 @contextmanager
-def recovery_claims(mission: Mission) -> Iterator[Claims]:
-    """Claim a team whose vehicles are in the air while no flight of it runs on this computer, while that lasts.
+def recovery_claims(mission: Mission, *, beside: bool) -> Iterator[Claims]:
+    """Claim a team whose vehicles are in the air, while that lasts; `cordon command` finds one that the mission adds.
 
-    Raises as `flight_claims`, also when another flight of the team runs.
+    Raises as `flight_claims`, also when another flight of the team runs on this computer, unless `beside` is true.
     """
     with Claims() as claims:
-        _require_none(claims.take_team(mission, alone=True), STILL_FLIES)
+        _require_none(claims.take_team(mission, alone=not beside), STILL_FLIES)
+        if mission.added is not None:
+            claims.show_added(mission)
         yield claims
 
 

@@ -102,8 +102,11 @@ def test_a_killed_flight_has_the_last_place_also_of_one_whose_link_was_lost_befo
     assert lines[:3] == [
         "Vehicle 1 is unaccounted for: its last position is in the flight log",
         f"Vehicle 2 is unaccounted for: last at {at}, height 9.5 m, 33 s ago",
-        "Ended by the watchdog: vehicles 1 and 2",
+        "Ended by signal 9: vehicles 1 and 2",
     ]
+    assert "`cordon recover`" in lines[-1]
+    theirs = supervisor._report(77, -9, {}, monitor, supervisor._EndRequest(), "cordon recover case1 --add 2")[0]
+    assert "`cordon recover case1 --add 2`" in theirs[-1]
     monitor.receive(encode_beat(Beat.ENDED, 1))
     assert supervisor._report(77, 4, {}, monitor, supervisor._EndRequest()) == ([], None), "told by that process"
     assert supervisor._report(77, -9, {}, monitor, supervisor._EndRequest())[0][0] == lines[1]
