@@ -21,15 +21,19 @@ class AddedVehicleOptions:
 
     start: Annotated[
         str | None,
-        Parameter(group=ADD, help="Its place on the ground, X,Y [m], such as 0,-8.", allow_leading_hyphen=True),
+        Parameter(
+            group=ADD, help="The added vehicle's place on the ground, X,Y [m], such as 0,-8.", allow_leading_hyphen=True
+        ),
     ] = None
-    url: Annotated[str | None, Parameter(group=ADD, help="Its MAVLink connection, as in a mission file.")] = None
+    url: Annotated[
+        str | None, Parameter(group=ADD, help="The added vehicle's MAVLink connection, as in a mission file.")
+    ] = None
     profile: Annotated[
-        str | None, Parameter(group=ADD, help="Bundled profile, or a file beside the mission; default: stub.")
+        str | None, Parameter(group=ADD, help="Its bundled profile, or a file beside the mission; default: stub.")
     ] = None
     altitude: Annotated[
         float | None,
-        Parameter(group=ADD, help="Flying height [m], between those of the others; default: that of the last one."),
+        Parameter(group=ADD, help="Its flying height [m], between those of the others; default: that of the last one."),
     ] = None
     slot: Annotated[
         str | None,
@@ -37,9 +41,12 @@ class AddedVehicleOptions:
             group=ADD, help="Its position in a free formation, X,Y [m]; others take none.", allow_leading_hyphen=True
         ),
     ] = None
-    system_id: Annotated[int | None, Parameter(group=ADD, help="MAVLink system id; default: its id.")] = None
+    system_id: Annotated[int | None, Parameter(group=ADD, help="Its MAVLink system id; default: its id.")] = None
     endpoint: Annotated[
-        str | None, Parameter(group=ADD, help="Zenoh endpoint of its agent; default: tcp/127.0.0.1 with port 7460+id.")
+        str | None,
+        Parameter(
+            group=ADD, help="Zenoh endpoint of the added vehicle's agent; default: tcp/127.0.0.1 with port 7460+id."
+        ),
     ] = None
 
 

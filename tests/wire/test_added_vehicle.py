@@ -5,13 +5,21 @@ The vehicles are stubs of this process, on a governed clock, with plants that di
 
 import asyncio
 import json
+import os
+import re
+import shlex
+import signal
+from asyncio.subprocess import Process
 from collections.abc import Callable
 from pathlib import Path
 
+import psutil
 import pytest
 
 from gcs.flightlog.reader import read_log
 from gcs.report.evidence.reading import read_flight
+from sitl.autopilot.modes import NavMode
+from tests.support.recoveries import HOME_M
 from tests.support.served_team import UNLIKE, Team, team_of
 from tests.support.swaps import NEAR_TARGET, SETTLING_S, RingTruth, Tracks
 from tests.support.wire import PATIENCE_S, at_speed, hurried, running, until
@@ -50,8 +58,13 @@ def addition(team: Team) -> tuple[str, ...]:
 async def commanded(team: Team, mission: str, *command: str) -> tuple[int | None, str]:
     """Return exit code and words of a command while the time of the team is the wall's."""
     with at_speed(team.clock, 1.0):
-        async with running(*command, "--mission", mission) as process:
-            _, err = await process.communicate()
+        return await told(*command, "--mission", mission)
+
+
+async def told(*command: str) -> tuple[int | None, str]:
+    """Return exit code and words of a command."""
+    async with running(*command) as process:
+        _, err = await process.communicate()
     assert "Traceback" not in err.decode(), err.decode()
     return process.returncode, " ".join(err.decode().split())
 
@@ -119,3 +132,71 @@ async def test_a_vehicle_that_is_not_in_the_file_joins_the_ring(
             replayed = b"".join(await replay.communicate()).decode()
             assert replay.returncode == 0, replayed
             assert "compared bit for bit" in replayed
+
+
+def flying_child(supervisor: Process) -> int:
+    """Return the id of the process that flies the added vehicle, whose supervisor this is."""
+    [child] = [each for each in psutil.Process(supervisor.pid).children() if "rejoin" in each.cmdline()]
+    return child.pid
+
+
+@pytest.mark.long
+async def test_one_whose_program_was_killed_comes_home_beside_the_flight_and_is_added_anew_only_then(
+    mission_file: Callable[..., str],
+) -> None:
+    """It hovers meanwhile, the others fly on, and all keep apart. The command is the one that its supervisor names."""
+    last = "start_m = [0.0, -4.0]\n"
+    path = mission_file("case2", (last, f"{last}{FOURTH}"), *UNLIKE, *NEAR_TARGET)
+    mission = of_three(path)
+    async with team_of(path) as team, asyncio.timeout(3.0 * PATIENCE_S), team.watched():
+        fourth = team.vehicles[4]
+        async with running("fly", mission, "--no-log", "--json") as flight:
+            await until(lambda: any(each.armed for each in team.vehicles.values()), waiting_for="a take-off")
+            with hurried(team.clock):
+                await team.clock.sleep(20.0 + SETTLING_S)
+            with at_speed(team.clock, 1.0):
+                async with running(*addition(team), "--mission", mission, "--no-log") as joined:
+                    await until(lambda: fourth.mode is NavMode.OFFBOARD, waiting_for="offboard")
+                    with hurried(team.clock):
+                        await team.clock.sleep(SETTLING_S)
+                    plain = ("recover", mission, "--yes", "--add", "4", "--start", "0,-8", "--url", addition(team)[-3])
+                    code, said = await told(*plain)
+                    assert (code, "still runs" in said, "--only ID" in said) == (3, True, True), said
+                    code, said = await told(*plain, "--only", "4")
+                    assert (code, "vehicle 4 reported on its bus" in said) == (3, True), said
+                    assert fourth.mode is NavMode.OFFBOARD
+                    os.kill(flying_child(joined), signal.SIGKILL)
+                    err = (await joined.communicate())[1].decode()
+                assert joined.returncode == 4, err
+                assert "Ended by signal 9: vehicle 4" in err
+                await until(lambda: fourth.mode is NavMode.HOLD, 30.0, "its autopilot's failsafe", clock=team.clock)
+                code, said = await commanded(team, mission, *addition(team))
+                assert (code, "it is in the air already" in said) == (3, True), said
+                recovery = shlex.split(re.search(r"`cordon (recover .*?)`", err)[1])  # type: ignore[index]
+                killed_s = team.clock.now_s()
+                async with running(*recovery, "--yes", "--no-log", "--json") as home:
+                    await until(lambda: fourth.mode is NavMode.OFFBOARD, waiting_for="offboard again")
+                    with hurried(team.clock):
+                        await until(lambda: not fourth.armed, 200.0, "its landing", clock=team.clock)
+                    out, err = (each.decode() for each in await home.communicate())
+                landed_s = team.clock.now_s()
+                assert home.returncode == 0, err
+                assert team.aloft == {1, 2, 3}
+                assert all(team.vehicles[i].mode is NavMode.OFFBOARD for i in THREE)
+                [found] = json.loads(out)["vehicles"]
+                assert (found["id"], found["treatment"], found["how"]) == (4, "bring home", "landed")
+                assert team.off_start_m(4) < HOME_M
+                print(f"MEASURED home {landed_s - killed_s:.0f} s after the command, {team.off_start_m(4):.2f} m off")
+                async with running(*addition(team), "--mission", mission, "--no-log") as again:
+                    await until(lambda: fourth.armed or again.returncode is not None, waiting_for="its take-off")
+                    assert again.returncode is None, (await again.communicate())[1].decode()
+                    for each in (again, flight):
+                        each.send_signal(signal.SIGINT)
+                        each.send_signal(signal.SIGINT)
+                    with hurried(team.clock):
+                        await until(lambda: not team.aloft, 200.0, "all landings", clock=team.clock)
+                    await again.communicate()
+            _, err = await flight.communicate()
+        assert flight.returncode == 4, err.decode()
+    print(f"MEASURED least distance {team.least_m:.2f} m, at like heights {team.least_level_m:.2f} m")
+    assert team.least_level_m >= team.mission.safety.separation_m
