@@ -137,6 +137,7 @@ def _recover(options: RecoveryOptions) -> Exit:
 
 def _plan(options: RecoveryOptions) -> "FlightPlan":
     from gcs.console.terminal import print_line
+    from gcs.flight.equipment import WithoutSensors
     from gcs.flight.plan import FlightPlan, TeamRecovery
     from gcs.flight.recovery import HOLDS_S, homeward
     from gcs.flight.request import require_governed
@@ -152,4 +153,5 @@ def _plan(options: RecoveryOptions) -> "FlightPlan":
     clock = lockstep_clock(mission, taken)
     require_governed(options.speed, only_stubs=clock is not None, advice="it needs `cordon sitl --lockstep`")
     recovery = TeamRecovery(options.take_from_pilot, confirmed=options.yes, beside=bool(options.only))
-    return FlightPlan(mission, HOLDS_S, vehicles, options.speed, clock=clock, recovery=recovery)
+    equipment = WithoutSensors() if options.only else None
+    return FlightPlan(mission, HOLDS_S, vehicles, options.speed, equipment=equipment, clock=clock, recovery=recovery)

@@ -287,6 +287,8 @@ async def _fly(
         plan = replace(plan, vehicles=tuple(member.vehicle for member in team.members))
         # Vehicles send to these ports now: no stub server may start on them later. Stubs hold their ports themselves.
         claims.take_fed(fed_ports(plan.vehicles))
+        if recovery is not None and plan.mission.added is not None:
+            claims.show_added(plan.mission)  # `cordon command` finds it
         team.recording.note_run(plan.run(clock.time_scale))
         gc.freeze()  # links and agents live as long as the flight: no collection examines them
         hint = await command_by_keyboard(team, stack)

@@ -182,7 +182,7 @@ async def _require_not_flown(mission: Mission, keys: TeamKeys, vehicle_ids: Coll
         await bus.close()
     if flying:
         raise VehicleRefusedError(
-            f"a flight of team {mission.network.team} still runs: {named(sorted(flying))} reported on its bus",
+            f"a flight of team {mission.network.team} still runs: it flies {named(sorted(flying))}, as its bus shows",
             STILL_FLIES,
         )
 

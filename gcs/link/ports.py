@@ -195,7 +195,8 @@ def _holder(path: Path) -> int | None:
         fcntl.flock(claim, fcntl.LOCK_EX | fcntl.LOCK_NB)
         path.unlink()
     except BlockingIOError:
-        return int(os.read(claim, 32) or b"0")
+        holder = os.read(claim, 32)
+        return int(holder) if holder.isdigit() else 0
     finally:
         os.close(claim)
     return None
@@ -245,14 +246,12 @@ def flight_claims(mission: Mission, stubs: Collection[int]) -> Iterator[Claims]:
 
 @contextmanager
 def recovery_claims(mission: Mission, *, beside: bool) -> Iterator[Claims]:
-    """Claim a team whose vehicles are in the air, while that lasts; `cordon command` finds one that the mission adds.
+    """Claim a team whose vehicles are in the air, while that lasts.
 
     Raises as `flight_claims`, also when another flight of the team runs on this computer, unless `beside` is true.
     """
     with Claims() as claims:
         _require_none(claims.take_team(mission, alone=not beside), STILL_FLIES)
-        if mission.added is not None:
-            claims.show_added(mission)
         yield claims
 
 

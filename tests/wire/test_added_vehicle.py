@@ -19,7 +19,7 @@ import pytest
 from gcs.flightlog.reader import read_log
 from gcs.report.evidence.reading import read_flight
 from sitl.autopilot.modes import NavMode
-from tests.support.recoveries import HOME_M
+from tests.support.recoveries import HOME_M, kill_whole
 from tests.support.served_team import UNLIKE, Team, team_of
 from tests.support.swaps import NEAR_TARGET, SETTLING_S, RingTruth, Tracks
 from tests.support.wire import PATIENCE_S, at_speed, hurried, running, until
@@ -153,50 +153,46 @@ async def test_one_whose_program_was_killed_comes_home_beside_the_flight_and_is_
         async with running("fly", mission, "--no-log", "--json") as flight:
             await until(lambda: any(each.armed for each in team.vehicles.values()), waiting_for="a take-off")
             with hurried(team.clock):
-                await team.clock.sleep(20.0 + SETTLING_S)
-            with at_speed(team.clock, 1.0):
-                async with running(*addition(team), "--mission", mission, "--no-log") as joined:
-                    await until(lambda: fourth.mode is NavMode.OFFBOARD, waiting_for="offboard")
-                    with hurried(team.clock):
-                        await team.clock.sleep(SETTLING_S)
-                    plain = ("recover", mission, "--yes", "--add", "4", "--start", "0,-8", "--url", addition(team)[-3])
+                flown = [team.vehicles[i] for i in THREE]
+                await until(lambda: all(each.mode is NavMode.OFFBOARD for each in flown), 90.0, clock=team.clock)
+            async with running(*addition(team), "--mission", mission, "--no-log") as joined:
+                await until(lambda: fourth.armed, waiting_for="its take-off")
+                with hurried(team.clock):
+                    await until(lambda: team.off_start_m(4) > 10.0, 90.0, "its way to the ring", clock=team.clock)
+                plain = ("recover", mission, "--yes", "--add", "4", *addition(team)[3:])
+                with at_speed(team.clock, 1.0):
                     code, said = await told(*plain)
                     assert (code, "still runs" in said, "--only ID" in said) == (3, True, True), said
                     code, said = await told(*plain, "--only", "4")
-                    assert (code, "vehicle 4 reported on its bus" in said) == (3, True), said
-                    assert fourth.mode is NavMode.OFFBOARD
-                    os.kill(flying_child(joined), signal.SIGKILL)
-                    err = (await joined.communicate())[1].decode()
-                assert joined.returncode == 4, err
-                assert "Ended by signal 9: vehicle 4" in err
-                await until(lambda: fourth.mode is NavMode.HOLD, 30.0, "its autopilot's failsafe", clock=team.clock)
-                code, said = await commanded(team, mission, *addition(team))
-                assert (code, "it is in the air already" in said) == (3, True), said
-                recovery = shlex.split(re.search(r"`cordon (recover .*?)`", err)[1])  # type: ignore[index]
-                killed_s = team.clock.now_s()
-                async with running(*recovery, "--yes", "--no-log", "--json") as home:
-                    await until(lambda: fourth.mode is NavMode.OFFBOARD, waiting_for="offboard again")
-                    with hurried(team.clock):
-                        await until(lambda: not fourth.armed, 200.0, "its landing", clock=team.clock)
-                    out, err = (each.decode() for each in await home.communicate())
-                landed_s = team.clock.now_s()
-                assert home.returncode == 0, err
-                assert team.aloft == {1, 2, 3}
-                assert all(team.vehicles[i].mode is NavMode.OFFBOARD for i in THREE)
-                [found] = json.loads(out)["vehicles"]
-                assert (found["id"], found["treatment"], found["how"]) == (4, "bring home", "landed")
-                assert team.off_start_m(4) < HOME_M
-                print(f"MEASURED home {landed_s - killed_s:.0f} s after the command, {team.off_start_m(4):.2f} m off")
-                async with running(*addition(team), "--mission", mission, "--no-log") as again:
-                    await until(lambda: fourth.armed or again.returncode is not None, waiting_for="its take-off")
-                    assert again.returncode is None, (await again.communicate())[1].decode()
-                    for each in (again, flight):
-                        each.send_signal(signal.SIGINT)
-                        each.send_signal(signal.SIGINT)
-                    with hurried(team.clock):
-                        await until(lambda: not team.aloft, 200.0, "all landings", clock=team.clock)
-                    await again.communicate()
-            _, err = await flight.communicate()
-        assert flight.returncode == 4, err.decode()
+                assert (code, "it flies vehicle 4, as its bus shows" in said) == (3, True), said
+                assert fourth.mode is NavMode.OFFBOARD
+                os.kill(flying_child(joined), signal.SIGKILL)
+                err = (await joined.communicate())[1].decode()
+            assert joined.returncode == 4, err
+            assert "Ended by signal 9: vehicle 4" in err
+            await until(lambda: fourth.mode is NavMode.HOLD, 30.0, "its autopilot's failsafe", clock=team.clock)
+            code, said = await commanded(team, mission, *addition(team))
+            assert (code, "it is in the air already" in said) == (3, True), said
+            recovery = shlex.split(re.search(r"`cordon (recover .*?)`", err)[1])  # type: ignore[index]
+            killed_s = team.clock.now_s()
+            async with running(*recovery, "--yes", "--no-log", "--json") as home:
+                await until(lambda: fourth.mode is NavMode.OFFBOARD, waiting_for="offboard again")
+                with hurried(team.clock):
+                    await until(lambda: not fourth.armed, 200.0, "its landing", clock=team.clock)
+                result, words = await home.communicate()
+            landed_s = team.clock.now_s()
+            assert home.returncode == 0, words.decode()
+            assert team.aloft == {1, 2, 3}
+            assert all(each.mode is NavMode.OFFBOARD for each in flown)
+            [found] = json.loads(result)["vehicles"]
+            assert (found["id"], found["treatment"], found["how"]) == (4, "bring home", "landed")
+            assert team.off_start_m(4) < HOME_M
+            print(f"MEASURED home {landed_s - killed_s:.0f} s after the command, {team.off_start_m(4):.2f} m off")
+            async with running(*addition(team), "--mission", mission, "--no-log") as again:
+                await until(lambda: fourth.armed or again.returncode is not None, waiting_for="its take-off")
+                assert again.returncode is None, (await again.communicate())[1].decode()
+                os.kill(flying_child(again), signal.SIGKILL)
+                await again.communicate()
+            kill_whole(flight.pid)
     print(f"MEASURED least distance {team.least_m:.2f} m, at like heights {team.least_level_m:.2f} m")
     assert team.least_level_m >= team.mission.safety.separation_m

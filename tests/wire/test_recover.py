@@ -221,7 +221,7 @@ async def test_another_computer_with_the_teams_keys_brings_them_home_once_no_fli
             with at_speed(team.clock, 1.0):
                 code, said, _ = await recovered(team, path=path)
             assert code == 3, said
-            assert "still runs: vehicles 1, 2 and 3 reported on its bus" in said
+            assert "still runs: it flies vehicles 1, 2 and 3, as its bus shows" in said
             assert all(each.mode is NavMode.OFFBOARD for each in team.vehicles.values())
             await killed(team, flight)
         assert min(map(team.off_start_m, (1, 2, 3))) > 5.0
