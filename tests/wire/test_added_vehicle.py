@@ -19,7 +19,7 @@ import pytest
 from gcs.flightlog.reader import read_log
 from gcs.report.evidence.reading import read_flight
 from sitl.autopilot.modes import NavMode
-from tests.support.recoveries import HOME_M, kill_whole
+from tests.support.recoveries import HOME_M, kill_whole, recovered, take_off
 from tests.support.served_team import UNLIKE, Team, team_of
 from tests.support.swaps import NEAR_TARGET, SETTLING_S, RingTruth, Tracks
 from tests.support.wire import PATIENCE_S, at_speed, hurried, running, until
@@ -182,6 +182,7 @@ async def test_one_whose_program_was_killed_comes_home_beside_the_flight_and_is_
                 result, words = await home.communicate()
             landed_s = team.clock.now_s()
             assert home.returncode == 0, words.decode()
+            assert b"sightings contradict" not in words, "the target's motion began with the flight of the others"
             assert team.aloft == {1, 2, 3}
             assert all(each.mode is NavMode.OFFBOARD for each in flown)
             [found] = json.loads(result)["vehicles"]
@@ -196,3 +197,28 @@ async def test_one_whose_program_was_killed_comes_home_beside_the_flight_and_is_
             kill_whole(flight.pid)
     print(f"MEASURED least distance {team.least_m:.2f} m, at like heights {team.least_level_m:.2f} m")
     assert team.least_level_m >= team.mission.safety.separation_m
+
+
+async def test_one_that_is_not_in_the_file_comes_home_with_a_team_whose_flight_is_gone(
+    mission_file: Callable[..., str], tmp_path: Path
+) -> None:
+    """They keep apart, it lands last, and the log is replayed bit for bit."""
+    last = "start_m = [0.0, -4.0]\n"
+    path = mission_file("case2", (last, f"{last}{FOURTH}"), *UNLIKE)
+    places_m = {1: (12.0, 2.0), 2: (12.0, -2.0), 3: (12.0, -6.0), 4: (8.0, 0.0)}
+    async with team_of(path, starts_m=places_m) as team:
+        mission, log = of_three(path), tmp_path / "home.mcap"
+        await take_off(team, dict.fromkeys(FOUR, 8.0))
+        async with team.watched():
+            described = ("--add", "4", *addition(team)[3:])
+            ended, said, result = await recovered(team, *described, path=mission, log=str(log))
+        print(f"MEASURED least distance {team.least_m:.2f} m, at like heights {team.least_level_m:.2f} m")
+        assert ended == 0, said
+        assert not team.aloft
+        assert max(map(team.off_start_m, FOUR)) < HOME_M
+        assert team.least_level_m >= team.mission.safety.separation_m
+        landed_s = {each["id"]: each["landed_at_s"] for each in result["vehicles"]}
+        assert max(landed_s, key=landed_s.__getitem__) == 4
+        assert landed_s.keys() == {*FOUR}
+    code, said = await told("replay", str(log))
+    assert code == 0, said

@@ -10,7 +10,7 @@ import shutil
 import signal
 import sys
 from asyncio.subprocess import Process
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from math import dist
 from pathlib import Path
 
@@ -18,7 +18,7 @@ import pytest
 
 from gcs.keys.authority_folder import AuthorityFolder
 from sitl.autopilot.modes import NavMode
-from tests.support.recoveries import HOME_M, in_mid_ring, kill_whole, recovered
+from tests.support.recoveries import HOME_M, in_mid_ring, kill_whole, recovered, take_off
 from tests.support.served_team import FAST, UNLIKE, Team, team_of
 from tests.support.terminals import take_terminal, terminal
 from tests.support.wire import PATIENCE_S, at_speed, hurried, running, until
@@ -64,18 +64,6 @@ async def test_a_team_whose_flight_was_killed_in_mid_ring_comes_home(mission_fil
         assert not team.aloft
         assert max(map(team.off_start_m, (1, 2, 3))) < HOME_M
         assert team.least_level_m >= team.mission.safety.separation_m
-
-
-async def take_off(team: Team, heights_m: Mapping[int, float]) -> None:
-    """Let vehicles hover above the places where they stand, as another ground station left them."""
-    await until(lambda: all(each.armable for each in team.vehicles.values()), 10.0, "positions", clock=team.clock)
-    for i, height_m in heights_m.items():
-        team.vehicles[i].arm()
-        team.vehicles[i].take_off(height_m)
-    with hurried(team.clock):
-        await until(
-            lambda: all(team.vehicles[i].mode is NavMode.HOLD for i in heights_m), 60.0, "hovering", clock=team.clock
-        )
 
 
 def setpoints(team: Team) -> dict[int, int]:
