@@ -174,14 +174,16 @@ def _added_name(mission: Mission) -> str:
     return f"added.{mission.network.team}.{'' if mission.identity is None else mission.identity.digest}"
 
 
-def added_text(mission: Mission) -> str | None:
+def added_text(mission: Mission, *, abandoned: bool = False) -> str | None:
     """Return the text of a mission with the vehicle that has joined its flight from this computer, None if none has.
+
+    With `abandoned` it is that of a vehicle whose process was killed, None if none was.
 
     Raises InputError without a runtime directory, VehicleRefusedError if nothing can be written there.
     """
     with _claims_folder() as folder:
         path = folder / _added_name(mission)
-        return path.read_text() if path.exists() and is_locked(path) else None
+        return path.read_text() if path.exists() and is_locked(path) is not abandoned else None
 
 
 def _opened(path: Path) -> int:
