@@ -179,14 +179,14 @@ class StartAgreement:
         return self._clocks.lags_s()
 
     @property
-    def refusal(self) -> str:
-        """Why the vehicle would refuse to take off with the peers received so far, empty if there is no reason."""
+    def refusal(self) -> VehicleRefusedError | None:
+        """The refusal to take off with the peers received so far, None if there is no reason."""
         try:
             self._require_one_mission()
             self._clocks.require_one_time()
         except VehicleRefusedError as refusal:
-            return refusal.reason
-        return ""
+            return refusal
+        return None
 
     def bound(self, duration_s: float) -> None:
         """Take the mission's duration: a mission that began longer ago is over, and is not joined."""
@@ -312,7 +312,8 @@ class StartAgreement:
                 )
             raise VehicleRefusedError(
                 f"vehicle {sender} flies another version of the mission {ours.name!r}",
-                "copy one mission file and its profiles to all computers of the team",
+                "copy one mission file and its profiles to all computers of the team, and give the same --set; the log "
+                "of each flight holds the mission that it flies (mission_text of /run)",
             )
 
     def _publish(self, message: StartProposal) -> None:

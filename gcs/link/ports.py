@@ -107,6 +107,7 @@ def _sockets(kind: str) -> list[Any]:
 
 
 _LISTENING = ("udpin", "tcpin")
+_ADDED_PORTS = "the vehicle other ports by --url and --endpoint"
 STILL_FLIES = "command its vehicles by `cordon command`, such as `cordon command rtl`, or end that flight"
 
 
@@ -246,7 +247,8 @@ def flight_claims(mission: Mission, stubs: Collection[int]) -> Iterator[Claims]:
         if mission.network.router is None:
             faults += (fault for vehicle in vehicles for fault in _endpoint_faults(vehicle))
         faults += claims.take_fed(fed_ports(vehicles))
-        _require_none(faults, "end the other run, or give this mission other ports and another network.team")
+        ports = "this mission other ports and another network.team"
+        _require_none(faults, f"end the other run, or give {ports if mission.added is None else _ADDED_PORTS}")
         yield claims
 
 

@@ -2,7 +2,7 @@
 
 from array import array
 from collections import defaultdict
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from math import cos, sin
 
@@ -15,7 +15,7 @@ from agents.tactics import NO_TACTIC
 from agents.team.messages import CameraView, CommandAnswer, CommandKey, MemberState, NeighbourAngle
 from estimation.state import MOTION, POSITION, VELOCITY, Vector
 from gcs.metrics.apart import closest_on_ways_m, ways_s
-from gcs.metrics.ending import VehicleEnding
+from gcs.metrics.ending import HeardLast, VehicleEnding
 from gcs.metrics.record import (
     GAP_MAX_S,
     CameraTrack,
@@ -31,6 +31,7 @@ from gcs.metrics.record import (
     path_velocity_m_s,
 )
 from gcs.metrics.references import HEIGHT_SHARE
+from gcs.metrics.ring import LOST_AFTER_S
 from gcs.metrics.targets import ring_targets_of, targets_of
 from gcs.mission.mission import Mission, TargetSection
 from sitl.server.server import TruthTrack
@@ -105,6 +106,8 @@ _TRUTH_GAP_MAX_S = 0.5
 """A true position farther in time than this from the nearest sample is unknown. Between two samples twice as far apart,
 a straight line is off a ring by 3 cm at 1.5 m/s and 10 m."""
 _GRAIN_S = 1e-3
+_LOW_SHARE = 0.5
+"""A vehicle that was received last above this share of its flying height was not about to land."""
 
 
 def true_track(estimated: VehicleTrack, truth: TruthTrack, grid_s: Vector) -> VehicleTrack:
@@ -338,7 +341,7 @@ class Journal:
             events=in_order(self.event_log.events, start_s),
             estimates=beside,
             truth_missing=missing,
-            endings=run.endings,
+            endings=(*run.endings, *self._joined_ending(start_s)),
             faults=run.faults,
             kinds=run.kinds,
             targets=targets,
@@ -346,6 +349,24 @@ class Journal:
             ways_closest_m=self._ways_closest_m(run.truth if true else (), start_s, start_s + float(time_s[-1])),
             cameras={i: self._camera(i, views, start_s) for i, views in run.views.items() if views},
         )
+
+    def _joined_ending(self, start_s: float) -> Iterator[VehicleEnding]:
+        """Yield how the flight of a vehicle ended that joined from another process, as far as it was received."""
+        added, own = self._mission.added, [each.time_s[-1] for each in self._own.values() if each.time_s]
+        if added is None or added in self._own or added not in self._received or not own:
+            return
+        samples = self._received[added]
+        heard_s, (x, y) = samples.time_s[-1], samples.motion[-1, POSITION].tolist()
+        height_m, low_m = samples.height_m[-1], _LOW_SHARE * self._mission.vehicle(added).section.altitude_m
+        last = HeardLast(
+            added,
+            samples.tactic[-1],
+            heard_s - start_s,
+            max(own) - heard_s,
+            (x, y, height_m),
+            is_high=height_m > low_m,
+        )
+        yield last.ending(self._mission.mission_frame(), LOST_AFTER_S)
 
     def _ways_closest_m(self, truth: Sequence[TruthTrack], start_s: float, end_s: float) -> float | None:
         """Return how near two vehicles came outside the mission, by truth if it is known, else by their estimates."""

@@ -9,6 +9,7 @@ from msgspec import structs
 
 from agents.core import VehicleCore
 from agents.inputs import AutopilotStatus, Message, Rejoined, Start, VehicleJoins
+from agents.notes import Note
 from agents.ports import VehicleStatus
 from agents.refusals import added_refusal
 from agents.settings.config import AgentConfig
@@ -125,6 +126,27 @@ def test_a_core_takes_it_as_a_member_from_then_on_also_in_its_own_next_flight(co
     assert flying(core, 2.1) == (4,)
 
 
+def test_one_that_joins_holds_once_those_that_it_received_are_silent_although_another_never_was(
+    config: AgentConfig, subtests: pytest.Subtests
+) -> None:
+    """Vehicle 3 is down and off the bus. On the ground with the others from the beginning, the core waits for it."""
+    silent_s = config.failsafe.peers_silent_s
+    for joins in (True, False):
+        with subtests.test(joins=joins):
+            core, notes = VehicleCore(replace(config.with_added(4, FOURTH.start_m), vehicle_id=4)), list[Note]()
+            if joins:
+                core.take(Rejoined(0.0, ""))
+            core.take(Start(0.0))
+            for tick in range(round(20.0 * (10.0 + silent_s))):
+                now_s = 1.0 + tick / 20.0
+                for sender in (1, 2) if now_s < 5.0 else ():
+                    core.take(state(sender, now_s))
+                core.take(AutopilotStatus(VehicleStatus(connected=True, armed=True, in_air=True)))
+                core.take(Telemetry(now_s, (0.0, 0.0, 8.0), (0.0, 0.0, 0.0)))
+                notes += core.tick(now_s).status.notes
+            assert ("all peers silent" in {each.alert.condition for each in notes if each.alert}) is joins
+
+
 def test_a_core_on_the_ground_refuses_a_start_beside_it(config: AgentConfig) -> None:
     core = VehicleCore(config)
     flying(core, 1.0)
@@ -181,6 +203,8 @@ def test_an_agent_takes_one_that_has_its_own_mission_and_admits_it_to_the_bus() 
             VehicleJoins(4, FOURTH),
             VehicleJoins(5, FOURTH),
         ]
+        received = [item.message for _, item in flight.inputs if isinstance(item, Message)]
+        assert {each.sender for each in received if isinstance(each, StartProposal)} == {4}, "no stranger's is counted"
         for _ in range(2):
             flight.stop.request()
         await flight.outcome()
