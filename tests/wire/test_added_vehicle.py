@@ -5,12 +5,18 @@ The vehicles are stubs of this process, on a governed clock, with plants that di
 
 import asyncio
 import json
-from collections.abc import Callable
+import signal
+from asyncio.subprocess import Process
+from collections.abc import AsyncIterator, Callable
+from contextlib import asynccontextmanager
+from dataclasses import dataclass
 from pathlib import Path
 
+import psutil
 import pytest
 
 from gcs.flightlog.reader import read_log
+from gcs.flightlog.records import VehicleEnd
 from gcs.report.evidence.reading import read_flight
 from tests.support.served_team import UNLIKE, Team, team_of
 from tests.support.swaps import NEAR_TARGET, SETTLING_S, RingTruth, Tracks
@@ -29,6 +35,8 @@ true_scale = { a0 = 0.9, a1 = 1.12 }
 reserve = true
 """
 """What the test serves, and the team's mission file does not have."""
+_LAST = "start_m = [0.0, -4.0]\n"
+WITH_FOURTH = (_LAST, f"{_LAST}{FOURTH}")
 LASTS_S = 170.0
 LASTING = ("duration_s = 600.0", f"duration_s = {LASTS_S}")
 
@@ -61,8 +69,7 @@ async def test_a_vehicle_that_is_not_in_the_file_joins_the_ring(
     mission_file: Callable[..., str], tmp_path: Path
 ) -> None:
     """All four end evenly spaced, and land where they started; the logs of both processes are replayed bit for bit."""
-    last = "start_m = [0.0, -4.0]\n"
-    path = mission_file("case2", (last, f"{last}{FOURTH}"), *UNLIKE, *NEAR_TARGET, LASTING)
+    path = mission_file("case2", WITH_FOURTH, *UNLIKE, *NEAR_TARGET, LASTING)
     mission, log, its_log = of_three(path), tmp_path / "team.mcap", tmp_path / "joined.mcap"
     async with team_of(path) as team:
         code, said = await commanded(team, mission, *addition(team))
@@ -112,6 +119,7 @@ async def test_a_vehicle_that_is_not_in_the_file_joins_the_ring(
     assert "vehicle 4, which is not in the mission file, is added" in err
     verdicts = json.loads(out)["verdicts"]
     assert (verdicts["C3"], verdicts["separation"]) == (True, True), "the spacing of four is judged, not of three"
+    assert (verdicts["kept"], json.loads(out)["ended"]["still_flying"]) == (True, [4]), "it lands after the others"
     reported = read_flight([read_log(log)])
     assert [each.vehicle_id for each in reported.evidence.record.vehicles] == [*FOUR]
     for each_log in (log, its_log):
@@ -119,3 +127,98 @@ async def test_a_vehicle_that_is_not_in_the_file_joins_the_ring(
             replayed = b"".join(await replay.communicate()).decode()
             assert replay.returncode == 0, replayed
             assert "compared bit for bit" in replayed
+
+
+@dataclass(frozen=True, slots=True)
+class FourInFlight:
+    """A team on its ring with vehicle 4, which has joined: the processes, and their logs."""
+
+    team: Team
+    flight: Process
+    joined: Process
+    log: Path
+    its_log: Path
+
+
+@asynccontextmanager
+async def four_in_flight(path: str) -> AsyncIterator[FourInFlight]:
+    """Fly three vehicles of a mission, and add the fourth."""
+    mission, log, its_log = of_three(path), Path(path).with_name("team.mcap"), Path(path).with_name("joined.mcap")
+    async with (
+        team_of(path) as team,
+        asyncio.timeout(3.0 * PATIENCE_S),
+        team.watched(),
+        running("fly", mission, "--log", str(log), "--json") as flight,
+    ):
+        await until(lambda: any(each.armed for each in team.vehicles.values()), waiting_for="a take-off")
+        with hurried(team.clock):
+            await team.clock.sleep(20.0)
+        with at_speed(team.clock, 1.0):
+            async with running(*addition(team), "--mission", mission, "--log", str(its_log)) as joined:
+                await until(lambda: team.vehicles[4].armed, 60.0, "its take-off", clock=team.clock)
+                with hurried(team.clock):
+                    await team.clock.sleep(SETTLING_S)
+                    yield FourInFlight(team, flight, joined, log, its_log)
+
+
+@pytest.mark.long
+async def test_it_comes_home_once_the_others_do_and_not_when_one_of_them_does(
+    mission_file: Callable[..., str],
+) -> None:
+    """Vehicle 1 lands with a low battery; an operator ends the flight of the others in their terminal."""
+    async with four_in_flight(mission_file("case2", WITH_FOURTH, *UNLIKE, *NEAR_TARGET)) as each:
+        team = each.team
+        team.vehicles[1].battery_fraction = 0.19
+        await until(lambda: not team.vehicles[1].armed, 200.0, "its landing", clock=team.clock)
+        assert team.aloft == {2, 3, 4}
+        each.flight.send_signal(signal.SIGINT)
+        await until(lambda: team.aloft <= {4}, 200.0, "the landings of the others", clock=team.clock)
+        assert team.aloft == {4}, "it lands last"
+        await until(lambda: not team.aloft, 200.0, "its landing", clock=team.clock)
+        _, its_err = (words.decode() for words in await each.joined.communicate())
+        out, err = (words.decode() for words in await each.flight.communicate())
+    ends = "the flight that it joined has ended: the others return and land (2, 3)"
+    print(f"MEASURED its terminal:\n{its_err}\nthat of the others:\n{err}")
+    assert (each.joined.returncode, each.flight.returncode) == (4, 4)
+    assert its_err.count(ends) == 2, "when it turned, and how it ended"
+    [end] = read_log(each.its_log).of_kind(4, VehicleEnd)
+    assert (end.how, end.reason) == ("operator", ends)
+    result = json.loads(out)
+    assert result["ended"]["still_flying"] == [4]
+    assert "vehicle 4: joined this flight and still flies (return and land)" in result["ended"]["reason"]
+    assert {left["vehicle"] for left in result["departures"]} == {1}
+    assert team.least_level_m >= team.mission.safety.separation_m
+    assert all(team.off_start_m(i) < 1.0 for i in FOUR)
+
+
+@pytest.mark.long
+async def test_a_team_whose_added_vehicle_fell_silent_in_the_air_has_not_kept_it(
+    mission_file: Callable[..., str],
+) -> None:
+    """Its process is killed, with its supervisor: the vehicle holds, and the others fly on."""
+    async with four_in_flight(mission_file("case2", WITH_FOURTH, *UNLIKE, *NEAR_TARGET)) as each:
+        team = each.team
+        for process in (supervisor := psutil.Process(each.joined.pid), *supervisor.children(recursive=True)):
+            process.kill()
+        await team.clock.sleep(SETTLING_S)
+        for _ in range(2):
+            each.flight.send_signal(signal.SIGINT)
+            await team.clock.sleep(1.0)
+        await until(lambda: team.aloft <= {4}, 200.0, "the landings of the others", clock=team.clock)
+        out, err = (words.decode() for words in await each.flight.communicate())
+    print(f"MEASURED the others' terminal:\n{err}")
+    async with running("report", str(each.log), "--json") as report:
+        reported, _ = await report.communicate()
+    for code, words in ((each.flight.returncode, out), (report.returncode, reported.decode())):
+        result = json.loads(words)
+        assert code == 4
+        assert result["verdicts"]["kept"] is False
+        [left] = result["departures"]
+        assert (left["vehicle"], left["place"], left["cause"]) == (
+            4,
+            "ring",
+            "joined this flight and fell silent in the air",
+        )
+        assert (result["ended"]["how"], result["ended"]["vehicles"]) == ("lost", [4])
+        [lost] = result["ended"]["unaccounted"]
+        assert lost["vehicle"] == 4
