@@ -69,9 +69,12 @@ class AddedFlight:
                 raise _refused(member, refusal)
             following = asyncio.create_task(self._end_with_the_others(member))
             try:
-                return [await flown(team, member, agent.fly_again(duration_s, team.stop))]
+                outcome = await flown(team, member, agent.fly_again(duration_s, team.stop))
             finally:
                 following.cancel()
+            if not outcome.flew:
+                agent.stay(outcome.reason or "it did not take off")  # the others await it in the air
+            return [outcome]
 
     async def _answered(self, member: Member, answers: Mapping[int, AddedAnswer]) -> float:
         """Wait until all the others know the vehicle; return how long their mission lasts [s]."""

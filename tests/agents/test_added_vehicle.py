@@ -8,7 +8,7 @@ import pytest
 from msgspec import structs
 
 from agents.core import VehicleCore
-from agents.inputs import AutopilotStatus, Message, Rejoined, Start, VehicleJoins
+from agents.inputs import AutopilotStatus, Command, Message, Rejoined, Start, VehicleJoins
 from agents.notes import Note
 from agents.ports import VehicleStatus
 from agents.refusals import added_refusal
@@ -145,6 +145,17 @@ def test_one_that_joins_holds_once_those_that_it_received_are_silent_although_an
                 core.take(Telemetry(now_s, (0.0, 0.0, 8.0), (0.0, 0.0, 0.0)))
                 notes += core.tick(now_s).status.notes
             assert ("all peers silent" in {each.alert.condition for each in notes if each.alert}) is joins
+
+
+def test_one_that_did_not_take_off_after_all_answers_again(config: AgentConfig) -> None:
+    core = VehicleCore(replace(config.with_added(4, FOURTH.start_m), vehicle_id=4))
+    core.take(AutopilotStatus(VehicleStatus(connected=True)))
+    core.take(Command(1.0, OperatorCommand(1.0, "rejoin", 4, "pat", 7)))
+    said = []
+    for refusal in ("", "arming was denied", "arming was denied"):
+        core.take(Rejoined(2.0, refusal))
+        said.append([(each.did, each.outcome) for each in core.commands.answers(2.0)])
+    assert said == [[("takes off and joins the others", "obeyed")], [("refused: arming was denied", "refused")], []]
 
 
 def test_a_core_on_the_ground_refuses_a_start_beside_it(config: AgentConfig) -> None:

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterable
 from dataclasses import replace
+from typing import Literal
 
 import numpy as np
 import pytest
@@ -11,7 +12,7 @@ from agents.flight_end import FlightEnd
 from agents.outputs import CoreStatus
 from agents.situation.situation import Situation
 from agents.tactics import Tactic
-from agents.team.messages import AddedVehicle, MemberState, NeighbourAngle
+from agents.team.messages import AddedVehicle, CommandAnswer, MemberState, NeighbourAngle
 from estimation.state import OwnEstimate, TargetEstimate, Vector
 from gcs.metrics.journal import Journal, RunTotals
 from gcs.metrics.record import FlightRecord, VehicleTrack
@@ -201,6 +202,27 @@ def test_one_that_joined_ended_as_far_as_it_was_received(
     if lost is not None:
         assert lost.position_m == pytest.approx((*parallel(until_s)[:2], 8.0))
         assert lost.age_s == pytest.approx(60.0 - until_s)
+
+
+def answered(journal: Journal, at_s: float, did: str, outcome: Literal["begun", "obeyed", "refused"]) -> None:
+    answer = CommandAnswer(4, START_S + at_s, 7, did, "rejoin", "pat", outcome)
+    journal.note(structs.replace(status(1, at_s), answers=(answer,)), None)
+
+
+def test_one_that_took_off_and_was_never_received_in_the_air_fell_silent_after_a_while() -> None:
+    """It is where it started, as far as the others know; one that answers that it stays on the ground does not fly."""
+    for at_s, how in ((-10.0, FlightEnd.LOST), (20.0, FlightEnd.FLIES_ON)):
+        journal = joined()
+        answered(journal, at_s - 1.0, "is checked", "begun")
+        assert record(journal, duration_s=60.0).endings == ()
+        answered(journal, at_s, "takes off and joins the others", "obeyed")
+        [ending] = record(journal, duration_s=60.0).endings
+        assert (ending.vehicle, ending.how, ending.heard_s) == (4, how, pytest.approx(at_s))
+        if how is FlightEnd.LOST:
+            assert ending.unaccounted is not None
+            assert ending.unaccounted.position_m == (0.0, -8.0, 0.0)
+        answered(journal, at_s + 2.0, "arming was denied", "refused")
+        assert record(journal, duration_s=60.0).endings == ()
 
 
 def test_one_of_the_file_and_one_that_was_never_received_have_no_such_ending() -> None:
