@@ -241,6 +241,8 @@ def flight_claims(mission: Mission, stubs: Collection[int]) -> Iterator[Claims]:
     """
     with Claims() as claims:
         faults = claims.take_team(mission)
+        if mission.added is not None:
+            _require_none(faults, "give the mission file and each --set as the command of that flight has them")
         # Checked before they start. For other vehicles the links and the bus report it, with their other findings.
         vehicles = [mission.vehicle(each) for each in stubs]
         faults += (fault for vehicle in vehicles for fault in _url_faults(vehicle))
