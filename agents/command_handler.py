@@ -140,6 +140,7 @@ class CommandHandler:
         self._abort: tuple[float, str] | None = None
         self._kills: list[OperatorCommand] = []
         self._rejoins: list[OperatorCommand] = []
+        self._rejoined: list[OperatorCommand] = []
         self._notes = notes
 
     @property
@@ -199,15 +200,19 @@ class CommandHandler:
         self._kills.clear()
 
     def on_rejoined(self, refusal: str, now_s: float) -> None:
-        """Take what became of a rejoin: why it was refused, empty if the vehicle takes off again."""
+        """Take what became of a rejoin: why it was refused, empty if the vehicle takes off again.
+
+        A refusal after that is why it did not.
+        """
         answer = _refused(refusal) if refusal else _Answer(VERBS["rejoin"].done)
         if not refusal:
             self._abort, self.starts = None, False
             self._unanswered.clear()  # what came after its flight was answered without a tick
-        for command in self._rejoins:
+        commands = self._rejoins or self._rejoined
+        for command in commands:
             self._record(command, answer, now_s)
             self._unanswered[command.key] = None
-        self._rejoins.clear()
+        self._rejoins, self._rejoined = [], [] if refusal else commands
 
     def answers(self, now_s: float) -> tuple[CommandAnswer, ...]:
         """Return and remove the answers since the last call."""

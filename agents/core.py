@@ -686,6 +686,7 @@ class VehicleCore:
         if item.refusal:
             return
         self._begin(self._mission_config)
+        self._fault_detector.join()
         self._follow_commands()
 
     def aloft_refusal(self, vehicle_id: int) -> str:

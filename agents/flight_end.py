@@ -26,6 +26,8 @@ class FlightEnd(StrEnum):
     """By the end of the flight, a landing or a return."""
     LANDED = "landed"
     SIMULATED = "simulated"
+    FLIES_ON = "flies on"
+    """It joined the flight of others and had not landed when theirs had ended; only their report says so."""
 
     @classmethod
     def _missing_(cls, _value: object) -> "FlightEnd":

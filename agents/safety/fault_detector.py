@@ -42,7 +42,7 @@ class FaultDetector:
     ) -> None:
         self._settings = config.failsafe
         self._leader = config.formation.leader
-        self._others = len(config.slots) - 1
+        self._awaited = len(config.slots) - 1
         self._period_s = 1.0 / config.rate_hz
         # Without the guard separation is not kept: simulations that demonstrate this must not be interrupted.
         self._near_m = config.failsafe.separation_share * config.safety.separation_m if config.safety.guard else 0.0
@@ -69,6 +69,10 @@ class FaultDetector:
         self.unsolved = False
         self.computer_short_of = ""
         self.traffic_near = ""
+
+    def join(self) -> None:
+        """Take that the vehicle joins others in flight: those of them that are down are never received."""
+        self._awaited = min(self._awaited, 1)
 
     def detect(self, situation: Situation, tactic: Tactic, active: Container[Condition], time_scale: float) -> Faults:
         """Return the faults of this tick.
@@ -174,7 +178,7 @@ class FaultDetector:
             faults[Condition.SIGHTINGS_CONTRADICT] = Symptom(since_s, detail)
 
     def _check_peers(self, faults: Faults, gone_s: Mapping[int, float], doubtful: Container[int]) -> None:
-        if not self._team.members() and self._team.count_received >= self._others:
+        if not self._team.members() and self._team.count_received >= self._awaited:
             faults[Condition.PEERS_SILENT] = Symptom(max(gone_s.values()), _vehicles(gone_s))
         # One whose states are refused is not silent but doubtful.
         gone_s = {sender: received_s for sender, received_s in gone_s.items() if sender not in doubtful}

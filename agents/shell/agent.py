@@ -278,7 +278,8 @@ class Agent:
 
     def wait_on_ground(self, start_blockers: str) -> None:
         """Wait for an operator's start, and report it; `start_blockers` forbid the start, empty: none do."""
-        start_blockers = printable(start_blockers or self._start_agreement.refusal)[:START_BLOCKERS_LIMIT]
+        refusal = self._start_agreement.refusal
+        start_blockers = printable(start_blockers or (refusal.reason if refusal else ""))[:START_BLOCKERS_LIMIT]
         self._core.take(Ground(start_blockers))
         self._reporter.wait(start_blockers)
 
@@ -306,8 +307,8 @@ class Agent:
         return self._start_agreement.answers
 
     @property
-    def start_refusal(self) -> str:
-        """Why the vehicle would refuse to take off with the peers received so far, empty if there is no reason."""
+    def start_refusal(self) -> VehicleRefusedError | None:
+        """The refusal to take off with the peers received so far, None if there is no reason."""
         return self._start_agreement.refusal
 
     def look(self) -> None:
@@ -459,10 +460,17 @@ class Agent:
             self._core.take(AutopilotStatus(self._link.status))  # what it answers depends on it
         if isinstance(message, StartProposal) and message.adds is not None:
             self._meet(message, message.adds)
-        self._core.take(Message(self._clock.now_s(), message))
+        if not self._is_answered_alone(message):
+            self._core.take(Message(self._clock.now_s(), message))
         if isinstance(message, OperatorCommand):
             self._act_on_commands()
         self._start_agreement.receive(message)
+
+    def _is_answered_alone(self, message: BusMessage) -> bool:
+        """Return whether a message announces a vehicle that is no member: the core would count it as a stranger's."""
+        if not isinstance(message, StartProposal) or message.adds is None:
+            return False
+        return self._core.added is None or self._core.added[0] != message.sender
 
     def _meet(self, message: StartProposal, vehicle: AddedVehicle) -> None:
         """Answer a vehicle that is not in the mission file and joins, and take it as a member if it may.

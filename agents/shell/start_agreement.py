@@ -152,7 +152,7 @@ class StartAgreement:
         self._agreed = False
         self._is_added = is_added
         self._adds: AddedVehicle | None = None
-        self._answer: AddedAnswer | None = None
+        self._outgoing: tuple[AddedAnswer, ...] = ()
         self._answers: dict[int, AddedAnswer] = {}
 
     @property
@@ -165,8 +165,18 @@ class StartAgreement:
         self._adds = vehicle
 
     def answer(self, vehicle_id: int, vehicle: AddedVehicle, refusal: str) -> None:
-        """Answer a vehicle that is not in the mission file from now on; without a refusal it may join."""
-        self._answer = AddedAnswer(vehicle_id, vehicle, printable(refusal)[:DID_LIMIT], self._duration_s)
+        """Answer a vehicle that is not in the mission file from now on; without a refusal it may join.
+
+        One that has joined and the last other one that must not are answered in turn.
+        """
+        given = AddedAnswer(vehicle_id, vehicle, printable(refusal)[:DID_LIMIT], self._duration_s)
+        may_join = not given.refusal
+        kept = {
+            each.vehicle: each
+            for each in self._outgoing
+            if each.vehicle == vehicle_id or may_join != (not each.refusal)
+        }
+        self._outgoing = tuple((kept | {vehicle_id: given}).values())
 
     @property
     def start_s(self) -> float | None:
@@ -179,14 +189,14 @@ class StartAgreement:
         return self._clocks.lags_s()
 
     @property
-    def refusal(self) -> str:
-        """Why the vehicle would refuse to take off with the peers received so far, empty if there is no reason."""
+    def refusal(self) -> VehicleRefusedError | None:
+        """The refusal to take off with the peers received so far, None if there is no reason."""
         try:
             self._require_one_mission()
             self._clocks.require_one_time()
         except VehicleRefusedError as refusal:
-            return refusal.reason
-        return ""
+            return refusal
+        return None
 
     def bound(self, duration_s: float) -> None:
         """Take the mission's duration: a mission that began longer ago is over, and is not joined."""
@@ -314,13 +324,16 @@ class StartAgreement:
                 )
             raise VehicleRefusedError(
                 f"vehicle {sender} flies another version of the mission {ours.name!r}",
-                "copy one mission file and its profiles to all computers of the team",
+                "copy one mission file and its profiles to all computers of the team, and give the same --set; the log "
+                "of each flight holds the mission that it flies (mission_text of /run)",
             )
 
     def _publish(self, message: StartProposal) -> None:
         if self._is_added and self._adds is None:
             return
-        whole = msgspec.structs.replace(message, mission=self._mission, adds=self._adds, answer=self._answer)
+        first = next(iter(self._outgoing), None)
+        self._outgoing = (*self._outgoing[1:], *self._outgoing[:1])
+        whole = msgspec.structs.replace(message, mission=self._mission, adds=self._adds, answer=first)
         self._bus.publish(TOPICS[StartProposal].name, encode(whole))
 
     async def _pause(self) -> None:

@@ -264,7 +264,8 @@ class ZenohSession:
             )
         if "in use" in str(error):  # Zenoh's errors have no code
             return VehicleRefusedError(
-                f"peer endpoint {self._listen} is taken", "end the other process or choose another port in [network]"
+                f"peer endpoint {self._listen} is taken",
+                "end the other process, or give the vehicle another endpoint (`endpoint` in the mission, --endpoint)",
             )
         return VehicleRefusedError(
             f"peer endpoint {self._listen} cannot be opened: {error}", "check [network] in the mission"

@@ -88,8 +88,9 @@ def rejoin(options: RejoinOptions) -> int:
     the mission) takes off for the first time.
 
     With --add a vehicle that is not in the mission file joins, one for each flight. This process flies it, as
-    `cordon fly --only` does, until the mission's end; Ctrl-C brings it down earlier. It takes off once every vehicle of
-    the mission has answered that it knows it. It is the last in line and the last to land.
+    `cordon fly --only` does, until the mission's end; Ctrl-C brings it down earlier, and it comes home once all the
+    others do. It takes off once every vehicle of the mission has answered that it knows it. It is the last in line and
+    the last to land.
 
     Example: cordon rejoin 2 --mission px4-trio
 

@@ -83,9 +83,10 @@ def _name_line(ring: NamedRing) -> str:
 
 
 def _ending(ended: TeamEnding) -> Text:
-    """Return how the flight ended, with the reason below unless the mission was completed."""
+    """Return how the flight ended, with the reason below unless the mission was completed and all are down."""
     if not ended.is_early:
-        return Text(ended.headline, style="bold green")
+        aloft = f"\n{ended.reason}" if ended.still_flying else ""
+        return Text.assemble((ended.headline, "bold green"), (aloft, "yellow"))
     lost = [(f"✗ {each.line}\n", "bold red") for each in ended.unaccounted]
     return Text.assemble(*lost, (f"✗ {ended.headline}", "bold red"), f"\n{ended.reason}")
 

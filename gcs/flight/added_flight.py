@@ -1,14 +1,17 @@
 """The flight of a vehicle that is not in the mission file, and joins its team in the air (`cordon rejoin --add`)."""
 
 import asyncio
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
+from math import inf
 from random import randrange
 from time import monotonic
 
+from agents.flight_end import FlightEnd
 from agents.ports import VehicleRefusedError
 from agents.shell.outcome import Outcome
-from agents.team.messages import AddedAnswer, OperatorCommand
+from agents.tactics import Tactic
+from agents.team.messages import AddedAnswer, MemberState, OperatorCommand
 from agents.team.participant import name_from
 from gcs.flight.member_flights import MemberFlights, flown
 from gcs.flight.team import FlightTeam, Member
@@ -23,14 +26,26 @@ ANSWERED_WITHIN_S = 15.0
 _LOOKED_FOR_S = 2.0
 """How long it receives the states of those in the air, which send at least one a second, before it takes off [s]."""
 _PERIOD_S = 0.1
+ENDS_FOR_S = 2.0
+"""How long the others have to come home until it follows: at the mission's end it does so by itself [s]."""
+_COMING_HOME = (Tactic.RETURN_AND_LAND, Tactic.LAND)
+_COME_HOME = {each.value for each in _COMING_HOME}
 _DURATION_MAX_S = 86400.0
-_CORRECT = "correct this, then add it again; the team flies on"
+_CORRECT = "correct this"
+_AGAIN = "then add it again; the team flies on"
+
+
+def coming_home(peers: Collection[MemberState]) -> tuple[int, ...]:
+    """Return the peers that return or land if all do that no pilot flies, none if one of them goes on."""
+    flown = [each for each in peers if each.tactic != Tactic.PILOT_OVERRIDE.value]
+    return tuple(sorted(each.sender for each in flown)) if {each.tactic for each in flown} <= _COME_HOME else ()
 
 
 class AddedFlight:
     """Flies the only vehicle of a process, which the mission adds, with the others, until it is down.
 
     It takes off once every other vehicle of the mission has answered that it knows it: these keep apart from it then.
+    It comes home once all of them do.
     """
 
     def __init__(self, team: FlightTeam, report: FindingsReport) -> None:
@@ -59,7 +74,14 @@ class AddedFlight:
             if refusal := await MemberFlights(team, self._report).refusal(member):
                 agent.stay(refusal)
                 raise _refused(member, refusal)
-            return [await flown(team, member, agent.fly_again(duration_s, team.stop))]
+            following = asyncio.create_task(self._end_with_the_others(member))
+            try:
+                outcome = await flown(team, member, agent.fly_again(duration_s, team.stop))
+            finally:
+                following.cancel()
+            if not outcome.flew:
+                agent.stay(outcome.reason or "it did not take off")  # the others await it in the air
+            return [outcome]
 
     async def _answered(self, member: Member, answers: Mapping[int, AddedAnswer]) -> float:
         """Wait until all the others know the vehicle; return how long their mission lasts [s]."""
@@ -69,8 +91,8 @@ class AddedFlight:
             _require_welcome(member, answers)
             if asked <= answers.keys():
                 return min(answer.duration_s for answer in answers.values())
-            if reason := member.agent.start_refusal:
-                raise _refused(member, reason)
+            if (refusal := member.agent.start_refusal) is not None:
+                raise _refused(member, refusal.reason, refusal.next_step)
             if monotonic() > end_s:
                 missing = sorted(asked - answers.keys())
                 raise VehicleRefusedError(
@@ -81,6 +103,26 @@ class AddedFlight:
                 )
             await asyncio.sleep(_PERIOD_S)
         raise VehicleRefusedError("the operator ended the flight before take-off", "")
+
+    async def _end_with_the_others(self, member: Member) -> None:
+        """Bring it home, as Ctrl-C does, once the others have come home for a while; one that a pilot has, after that.
+
+        None of them can send it home alone.
+        """
+        team, vehicle_id = self._team, member.vehicle.id
+        since_s, others = inf, tuple[int, ...]()
+        while team.clock.now_s() - since_s < ENDS_FOR_S:
+            await team.clock.sleep(_PERIOD_S)
+            status = team.newest.get(vehicle_id)
+            others = () if status is None else coming_home(status.peers)
+            since_s = min(since_s, team.clock.now_s()) if others else inf
+        while team.newest[vehicle_id].tactic is Tactic.PILOT_OVERRIDE:
+            await team.clock.sleep(_PERIOD_S)
+        if team.stop.wanted.is_set() or team.newest[vehicle_id].tactic in _COMING_HOME:
+            return
+        reason = f"the flight that it joined has ended: the others return and land ({', '.join(map(str, others))})"
+        team.view.print_line(f"vehicle {vehicle_id} comes home: {reason}", "warning")
+        team.stop.request(Outcome(FlightEnd.OPERATOR, reason))
 
     def _order(self, member: Member) -> None:
         """Order it to take off as `cordon rejoin` does; raises VehicleRefusedError if its core refuses."""
@@ -99,5 +141,5 @@ def _require_welcome(member: Member, answers: Mapping[int, AddedAnswer]) -> None
             raise _refused(member, f"vehicle {sender}: {answer.refusal}")
 
 
-def _refused(member: Member, reason: str) -> VehicleRefusedError:
-    return VehicleRefusedError(f"vehicle {member.vehicle.id} stays on the ground: {reason}", _CORRECT)
+def _refused(member: Member, reason: str, next_step: str = _CORRECT) -> VehicleRefusedError:
+    return VehicleRefusedError(f"vehicle {member.vehicle.id} stays on the ground: {reason}", f"{next_step}; {_AGAIN}")

@@ -107,8 +107,8 @@ async def _meet_others(team: FlightTeam, *, beside: bool) -> None:
     if not beside:
         return
     await team.clock.sleep(_MEETS_S * team.clock.time_scale)
-    if reason := next(filter(None, (agent.start_refusal for agent in team.agents)), ""):
-        raise VehicleRefusedError(f"nothing was sent to the vehicles: {reason}", "land them by remote control")
+    if refusal := next(filter(None, (agent.start_refusal for agent in team.agents)), None):
+        raise VehicleRefusedError(f"nothing was sent to the vehicles: {refusal.reason}", refusal.next_step)
     if added is not None and (silent := sorted(added.agent.clock_lags_s.keys() - answers.keys())):
         text = f"{named(silent)}: no answer to vehicle {added.vehicle.id}: what does not know it does not keep apart"
         team.view.print_line(text, "warning")

@@ -108,6 +108,7 @@ def _sockets(kind: str) -> list[Any]:
 
 
 _LISTENING = ("udpin", "tcpin")
+_ADDED_PORTS = "the vehicle other ports by --url and --endpoint"
 STILL_FLIES = (
     "command its vehicles by `cordon command`, such as `cordon command rtl`, or end that flight; --only ID brings home "
     "one that it does not fly"
@@ -236,13 +237,16 @@ def flight_claims(mission: Mission, stubs: Collection[int]) -> Iterator[Claims]:
     """
     with Claims() as claims:
         faults = claims.take_team(mission)
+        if mission.added is not None:
+            _require_none(faults, "give the mission file and each --set as the command of that flight has them")
         # Checked before they start. For other vehicles the links and the bus report it, with their other findings.
         vehicles = [mission.vehicle(each) for each in stubs]
         faults += (fault for vehicle in vehicles for fault in _url_faults(vehicle))
         if mission.network.router is None:
             faults += (fault for vehicle in vehicles for fault in _endpoint_faults(vehicle))
         faults += claims.take_fed(fed_ports(vehicles))
-        _require_none(faults, "end the other run, or give this mission other ports and another network.team")
+        ports = "this mission other ports and another network.team"
+        _require_none(faults, f"end the other run, or give {ports if mission.added is None else _ADDED_PORTS}")
         yield claims
 
 

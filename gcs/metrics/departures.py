@@ -12,7 +12,7 @@ from agents.flight_end import FlightEnd
 from agents.notes import AlertChange
 from agents.safety.failsafe import TABLE, Reaction
 from agents.tactics import NO_TACTIC, Event, Tactic
-from gcs.metrics.ending import named
+from gcs.metrics.ending import VehicleEnding, named
 from gcs.metrics.record import FlightEvent, FlightRecord, VehicleTrack, grid_time
 from gcs.metrics.ring import LOST_AFTER_S
 
@@ -20,7 +20,8 @@ _IN_PLACE = {Tactic.FORMATION.value: "formation", Tactic.ENCIRCLE.value: "ring",
 """The places of a mission by the tactics that fly them; the way to a ring is one to it."""
 _NEVER_ORDERED = (Tactic.ASIDE.value, Tactic.PILOT_OVERRIDE.value)
 _ORDERED_ENDS = frozenset({
-    FlightEnd.LANDED, FlightEnd.SIMULATED, FlightEnd.OPERATOR, FlightEnd.ABORTED, FlightEnd.KILLED, FlightEnd.UNKNOWN
+    FlightEnd.LANDED, FlightEnd.SIMULATED, FlightEnd.OPERATOR, FlightEnd.ABORTED, FlightEnd.KILLED, FlightEnd.UNKNOWN,
+    FlightEnd.FLIES_ON,
 })  # fmt: skip
 """The ends by order; of a killed vehicle an operator cut the motors."""
 _FLIES_ON = frozenset(row.condition.value for row in TABLE if row.reactions == (Reaction.DEGRADE,))
@@ -32,7 +33,7 @@ NO_DATA = "no data"
 
 @dataclass(frozen=True, slots=True)
 class Departure:
-    """A vehicle that left its place, `formation` or `ring`, not by order.
+    """A vehicle that left its place, `formation` or `ring`, not by order, or fell silent elsewhere in the `flight`.
 
     `cause` is a condition of the failsafe table, the tactic that took it away, how its flight ended, or `NO_DATA`.
     `back_at_s` is when it flew there again, None if it never did; one that left the formation may be on the ring.
@@ -50,12 +51,14 @@ def departures(record: FlightRecord) -> tuple[Departure, ...] | None:
 
     By order are operators' commands and the end of the mission. Not by order are reactions of the failsafe table, a
     pilot override, the end of a flight otherwise, as with its process, and that nothing is known of a vehicle for more
-    than `LOST_AFTER_S` until the end of the record.
+    than `LOST_AFTER_S` until the end of the record, or in the air of one that joined from another process.
     """
     flown = [track for track in record.vehicles if np.isin(track.tactic, list(_IN_PLACE)).any()]
-    if not flown:
+    silent = [each for each in record.endings if each.fell_silent]
+    if not flown and not silent:
         return None
     found = [each for track in flown for each in _departures(record, track)]
+    found += [_into_silence(record, each) for each in silent]
     return tuple(sorted(found, key=lambda each: (each.at_s, each.vehicle)))
 
 
@@ -81,8 +84,9 @@ def _departures(record: FlightRecord, track: VehicleTrack) -> Iterator[Departure
     known = np.flatnonzero(track.tactic != NO_TACTIC)
     in_place = np.isin(track.tactic[known], list(_IN_PLACE))
     events = [event for event in record.events if event.vehicle == track.vehicle_id]
-    ends = (each for each in record.endings if each.vehicle == track.vehicle_id and each.how not in _ORDERED_ENDS)
-    ended = next((each.reason or each.how.value for each in ends), "")
+    ends = [each for each in record.endings if each.vehicle == track.vehicle_id and each.how not in _ORDERED_ENDS]
+    fell_silent = any(each.fell_silent for each in ends)
+    ended = next((each.reason or each.how.value for each in ends if not fell_silent), "")
     for leaves in np.flatnonzero(in_place[:-1] & ~in_place[1:]):
         before, after = known[leaves], known[leaves + 1]
         span_s = record.time_s[before] - _EVENT_GRAIN_S, record.time_s[after] + _EVENT_GRAIN_S
@@ -93,10 +97,19 @@ def _departures(record: FlightRecord, track: VehicleTrack) -> Iterator[Departure
             yield _departure(record, track, before, after, cause)
     last_s = float(record.time_s[known[-1]])
     # A later change of its tactic is the end of its mission: the record ends with that of the team.
-    if in_place[-1] and not any(each.kind == "tactic" and each.time_s > last_s + _EVENT_GRAIN_S for each in events):
+    went_on = any(each.kind == "tactic" and each.time_s > last_s + _EVENT_GRAIN_S for each in events)
+    if in_place[-1] and not (went_on or fell_silent):
         lost = NO_DATA if record.time_s[-1] - last_s > LOST_AFTER_S else ""
         if cause := ended or lost:
             yield _departure(record, track, known[-1], known[-1], cause)
+
+
+def _into_silence(record: FlightRecord, ending: VehicleEnding) -> Departure:
+    """Return the departure of a vehicle that joined and fell silent in the air, also after the mission's end."""
+    heard_s = 0.0 if ending.heard_s is None else ending.heard_s
+    tracks = (each for each in record.vehicles if each.vehicle_id == ending.vehicle and heard_s <= record.time_s[-1])
+    place = next((_IN_PLACE[each.last_tactic] for each in tracks if each.last_tactic in _IN_PLACE), "flight")
+    return Departure(ending.vehicle, grid_time(heard_s), place, ending.reason)
 
 
 def _departure(record: FlightRecord, track: VehicleTrack, before: int, after: int, cause: str) -> Departure:

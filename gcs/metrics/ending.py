@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from agents.flight_end import FlightEnd, LastPosition
+from agents.tactics import Tactic
 from gcs.autopilots.registry import advice
 
 if TYPE_CHECKING:  # the supervisor of a flight would wait for NumPy
@@ -25,9 +26,12 @@ HEADLINES = {
     FlightEnd.OPERATOR: "Ended by the operator",
     FlightEnd.LANDED: "Landed and disarmed",
     FlightEnd.SIMULATED: "Flown to the end of the simulation",
+    FlightEnd.FLIES_ON: "Flies on",
 }
 _SEVERITY = {how: place for place, how in enumerate(FlightEnd)}
 
+
+_WATCH_IT = "watch it where `cordon rejoin --add` flies it; Ctrl-C there brings it down"
 
 UNACCOUNTED = "unaccounted for"
 """The alert of a vehicle that no report shows on the ground and no pilot has, until an operator confirms otherwise."""
@@ -75,25 +79,68 @@ class Unaccounted:
 
 @dataclass(frozen=True, slots=True)
 class VehicleEnding:
-    """How one vehicle's flight ended, the reason in a few words, and where it was last if it is unaccounted for."""
+    """How one vehicle's flight ended, the reason in a few words, and where it was last if it is unaccounted for.
+
+    One that `joined` the flight from a process of its own ended as far as the others received it, last at `heard_s`
+    since the mission's start.
+    """
 
     vehicle: int
     how: FlightEnd
     reason: str
     unaccounted: Unaccounted | None = None
+    joined: bool = False
+    heard_s: float | None = None
+
+    @property
+    def fell_silent(self) -> bool:
+        """Whether it joined, and was received in the air last although the others flew on."""
+        return self.joined and self.how is FlightEnd.LOST
+
+
+@dataclass(frozen=True, slots=True)
+class HeardLast:
+    """A vehicle of another process as it was received last: its tactic, when since the mission's start, and where.
+
+    `silent_s` passed from then until the last one that could receive it ended its flight; it `is_high` above the ground
+    or about to land.
+    """
+
+    vehicle: int
+    tactic: str
+    heard_s: float
+    silent_s: float
+    position_m: "Triple"
+    is_high: bool
+
+    def ending(self, frame: "MissionFrame", lost_after_s: float) -> VehicleEnding:
+        """Return how its flight ended: it had joined the others, which receive the states of those in the air only."""
+        if self.tactic == Tactic.PILOT_OVERRIDE.value:
+            how, reason = FlightEnd.PILOT, "joined this flight, and was handed over or fell"
+        elif self.silent_s <= lost_after_s:
+            how, reason = FlightEnd.FLIES_ON, f"joined this flight and still flies ({self.tactic}): {_WATCH_IT}"
+        elif self.tactic == Tactic.LAND.value and not self.is_high:
+            how, reason = FlightEnd.LANDED, "joined this flight and landed"
+        else:
+            how, reason = FlightEnd.LOST, "joined this flight and fell silent in the air"
+        lost = Unaccounted.of(self.vehicle, LastPosition(self.position_m, self.silent_s), frame)
+        unaccounted = lost if how is FlightEnd.LOST else None
+        return VehicleEnding(self.vehicle, how, reason, unaccounted, joined=True, heard_s=self.heard_s)
 
 
 @dataclass(frozen=True, slots=True)
 class TeamEnding:
     """How a flight ended: the most severe ending, the reasons of all vehicles, and the vehicles with that ending.
 
-    `unaccounted` are the vehicles that were unaccounted for at its end.
+    `unaccounted` are the vehicles that were unaccounted for at its end, `still_flying` those that had joined it and had
+    not landed.
     """
 
     how: FlightEnd
     reason: str
     vehicles: tuple[int, ...]
     unaccounted: tuple[Unaccounted, ...] = ()
+    still_flying: tuple[int, ...] = ()
 
     @classmethod
     def of(cls, endings: Sequence[VehicleEnding]) -> "TeamEnding | None":
@@ -108,12 +155,13 @@ class TeamEnding:
         sentence = "; ".join(f"{named(vehicles)}: {reason}" for reason, vehicles in alike.items())
         concerned = tuple(each.vehicle for each in ordered if each.how is how)
         lost = tuple(each.unaccounted for each in ordered if each.unaccounted is not None)
-        return cls(how, f"{sentence[:1].upper()}{sentence[1:]}.", concerned, lost)
+        aloft = tuple(each.vehicle for each in ordered if each.how is FlightEnd.FLIES_ON)
+        return cls(how, f"{sentence[:1].upper()}{sentence[1:]}.", concerned, lost, aloft)
 
     @property
     def is_early(self) -> bool:
         """Whether it ended in flight, before its mission was over."""
-        return self.how not in (FlightEnd.LANDED, FlightEnd.SIMULATED)
+        return self.how not in (FlightEnd.LANDED, FlightEnd.SIMULATED, FlightEnd.FLIES_ON)
 
     @property
     def headline(self) -> str:

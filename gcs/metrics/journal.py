@@ -2,9 +2,9 @@
 
 from array import array
 from collections import defaultdict
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from math import cos, sin
+from math import cos, inf, sin
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,9 +13,10 @@ from agents.notes import AlertChange, CommandOutcome, Note
 from agents.outputs import CoreStatus
 from agents.tactics import NO_TACTIC
 from agents.team.messages import CameraView, CommandAnswer, CommandKey, MemberState, NeighbourAngle
+from agents.team.verbs import VERBS
 from estimation.state import MOTION, POSITION, VELOCITY, Vector
 from gcs.metrics.apart import closest_on_ways_m, ways_s
-from gcs.metrics.ending import VehicleEnding
+from gcs.metrics.ending import HeardLast, VehicleEnding
 from gcs.metrics.record import (
     GAP_MAX_S,
     CameraTrack,
@@ -31,9 +32,12 @@ from gcs.metrics.record import (
     path_velocity_m_s,
 )
 from gcs.metrics.references import HEIGHT_SHARE
+from gcs.metrics.ring import LOST_AFTER_S
 from gcs.metrics.targets import ring_targets_of, targets_of
 from gcs.mission.mission import Mission, TargetSection
 from sitl.server.server import TruthTrack
+
+_REJOIN = VERBS["rejoin"]
 
 
 class EventLog:
@@ -44,6 +48,7 @@ class EventLog:
         self._local_ids: set[int] = set()
         self._last: dict[int, MemberState] = {}
         self._answered: set[tuple[int, CommandKey, str]] = set()
+        self._took_off: dict[int, CommandAnswer] = {}
         self._reported = 0
 
     def note(self, status: CoreStatus) -> None:
@@ -64,6 +69,11 @@ class EventLog:
         """Return the events since the last call."""
         events, self._reported = self.events[self._reported :], len(self.events)
         return events
+
+    @property
+    def took_off_s(self) -> Mapping[int, float]:
+        """When vehicles of other processes have answered last that they take off and join the others."""
+        return {sender: answer.time_s for sender, answer in self._took_off.items()}
 
     def add_peer(self, peer: MemberState) -> None:
         """Add the changes in the state that a vehicle of another process sent."""
@@ -89,6 +99,11 @@ class EventLog:
         key = (answer.sender, answer.key, answer.did)
         if key not in self._answered:
             self._answered.add(key)
+            took_off = self._took_off.get(answer.sender)
+            if answer.verb == _REJOIN.name and answer.did == _REJOIN.done:
+                self._took_off[answer.sender] = answer
+            elif answer.is_refused and took_off is not None and took_off.key == answer.key:
+                del self._took_off[answer.sender]
             outcome = CommandOutcome(answer.verb or "", answer.origin, answer.did, answer.is_refused)
             text = f"answers: {answer.did}"
             self.events.append(FlightEvent(answer.time_s, answer.sender, "command", text, command=outcome))
@@ -105,6 +120,10 @@ _TRUTH_GAP_MAX_S = 0.5
 """A true position farther in time than this from the nearest sample is unknown. Between two samples twice as far apart,
 a straight line is off a ring by 3 cm at 1.5 m/s and 10 m."""
 _GRAIN_S = 1e-3
+_CLIMBS, _CLIMBS_S = "takes off", 60.0
+"""The state of a vehicle that sends none yet, and the longest time until it does."""
+_LOW_SHARE = 0.5
+"""A vehicle that was received last above this share of its flying height was not about to land."""
 
 
 def true_track(estimated: VehicleTrack, truth: TruthTrack, grid_s: Vector) -> VehicleTrack:
@@ -243,9 +262,9 @@ class Journal:
         self.latest: dict[int, CoreStatus] = {}
 
     @property
-    def received(self) -> Collection[int]:
-        """The vehicles of other processes that have been received."""
-        return self._received.keys()
+    def joined(self) -> Collection[int]:
+        """The vehicles of other processes that have been received in the air, or have answered that they take off."""
+        return {*self._received, *self.event_log.took_off_s}
 
     def enlarge(self, mission: Mission) -> None:
         """Take the mission with a vehicle that has joined the flight."""
@@ -338,7 +357,7 @@ class Journal:
             events=in_order(self.event_log.events, start_s),
             estimates=beside,
             truth_missing=missing,
-            endings=run.endings,
+            endings=(*run.endings, *self._joined_ending(start_s)),
             faults=run.faults,
             kinds=run.kinds,
             targets=targets,
@@ -346,6 +365,23 @@ class Journal:
             ways_closest_m=self._ways_closest_m(run.truth if true else (), start_s, start_s + float(time_s[-1])),
             cameras={i: self._camera(i, views, start_s) for i, views in run.views.items() if views},
         )
+
+    def _joined_ending(self, start_s: float) -> Iterator[VehicleEnding]:
+        """Yield how the flight of a vehicle ended that joined from another process, as far as it was received."""
+        added, own = self._mission.added, [each.time_s[-1] for each in self._own.values() if each.time_s]
+        if added is None or added in self._own or added not in self.joined or not own:
+            return
+        samples, section = self._received.get(added, _Samples()), self._mission.vehicle(added).section
+        took_off_s, lost_after_s = self.event_log.took_off_s.get(added, -inf), LOST_AFTER_S
+        if samples.time_s and samples.time_s[-1] > took_off_s:
+            heard_s, tactic, height_m = samples.time_s[-1], samples.tactic[-1], samples.height_m[-1]
+            x, y = samples.motion[-1, POSITION].tolist()
+        else:
+            heard_s, tactic, height_m, lost_after_s = took_off_s, _CLIMBS, 0.0, _CLIMBS_S
+            x, y = section.start_m
+        is_high = height_m > _LOW_SHARE * section.altitude_m
+        last = HeardLast(added, tactic, heard_s - start_s, max(own) - heard_s, (x, y, height_m), is_high=is_high)
+        yield last.ending(self._mission.mission_frame(), lost_after_s)
 
     def _ways_closest_m(self, truth: Sequence[TruthTrack], start_s: float, end_s: float) -> float | None:
         """Return how near two vehicles came outside the mission, by truth if it is known, else by their estimates."""

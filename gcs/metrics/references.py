@@ -64,8 +64,9 @@ def engagement(
     """Return who was to engage and who did; `engaged_s` are the times of engagement in the record's order.
 
     If the team never came near the target, none was to engage. Otherwise each vehicle of the reference that had enough
-    time was to engage, also one that passed too far away, unless its own distance is smaller than the team's. Those
-    that were to by the plan are pending if they still could at the end, or are not known.
+    time was to engage, also one that passed too far away, unless its own distance is smaller than the team's, and one
+    that joined and fell silent in the air. Those that were to by the plan are pending if they still could at the end,
+    or are not known.
     """
     rows = list(zip(record.vehicles, engaged_s, strict=True))
     engaged = tuple(track.vehicle_id for track, time_s in rows if time_s is not None)
@@ -74,7 +75,8 @@ def engagement(
         return EngagementResult((), engaged)
     passes = {track.vehicle_id: _passed(record, track, allowed_m.get(track.vehicle_id, 0.0)) for track, _ in rows}
     near = {vehicle_id: within or vehicle_id in engaged for vehicle_id, (within, _) in passes.items()}
-    missing = {vehicle_id for vehicle_id in _chosen(allowed_m, near) if passes[vehicle_id][1]}
+    silent = {each.vehicle for each in record.endings if each.fell_silent}
+    missing = {vehicle_id for vehicle_id in _chosen(allowed_m, near) if passes[vehicle_id][1] or vehicle_id in silent}
     to_engage = tuple(track.vehicle_id for track, _ in rows if track.vehicle_id in {*engaged, *missing})
     gone = {track.vehicle_id for track, _ in rows if not _may_engage_yet(track)}
     pending = (vehicle_id for vehicle_id in reference.planned if vehicle_id not in {*to_engage, *gone})

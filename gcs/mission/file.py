@@ -285,7 +285,12 @@ def joined_mission(mission: Mission, vehicle_id: int, vehicle: AddedVehicle) -> 
 
     It is the mission itself if the vehicle has joined one that takes no other here, as one of an earlier version.
     """
+    taken = {each.system_id for each in mission.vehicles}
     table = _UNKNOWN | {"id": vehicle_id, "start_m": vehicle.start_m, "altitude_m": vehicle.altitude_m}
+    table |= {
+        "profile": mission.vehicles[-1].section.profile,
+        "system_id": next(each for each in range(1, 255) if each not in taken),
+    }
     try:
         return enlarged_mission(mission, {**table, "slot_m": vehicle.slot_m} if vehicle.slot_m else table)
     except MissionError:

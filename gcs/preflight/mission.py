@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
-from math import asin, cos, floor, hypot, inf, pi, sin, sqrt
+from math import asin, cos, dist, floor, hypot, inf, pi, sin, sqrt
 
 import numpy as np
 from msgspec.structs import asdict
@@ -152,6 +152,7 @@ def feasibility(mission: Mission, *, stubs: bool = False) -> Iterator[Finding]:
     yield from _on_each_ring(mission, _ring_gap)
     if len(mission.vehicles) > 1:
         yield _line_gap(mission)
+        yield from _far_starts(mission)
     yield from _on_each_ring(mission, _settling)
     if not stubs:
         yield _mission_fence(mission)
@@ -344,6 +345,23 @@ def _settling(mission: Mission) -> Finding | None:
 def _line_gap(mission: Mission) -> Finding:
     step = "increase formation.spacing_m, or lower safety.separation_m"
     return _gap(mission, "line spacing", "neighbours in the line", mission.formation.spacing_m, step)
+
+
+def _far_starts(mission: Mission) -> Iterator[Finding]:
+    """Warn of each vehicle that starts out of the radio range of all others."""
+    starts_m = {each.id: each.section.start_m for each in mission.vehicles}
+    for vehicle_id, start_m in starts_m.items():
+        away_m = min(dist(start_m, other_m) for other, other_m in starts_m.items() if other != vehicle_id)
+        if away_m > mission.range_m:
+            yield Finding.graded(
+                Grade.WARNING,
+                vehicle_id,
+                "start",
+                f"it starts {away_m:.0f} m from the nearest other vehicle, out of the radio range of "
+                f"{mission.range_m:g} m (network.range_m)",
+                "vehicles that do not receive each other do not keep apart, and its way to the others is long",
+                "correct its start_m (--start), or network.range_m",
+            )
 
 
 def _gap(mission: Mission, check: str, what: str, gap_m: float, step: str) -> Finding:

@@ -8,7 +8,8 @@ import pytest
 from msgspec import structs
 
 from agents.core import VehicleCore
-from agents.inputs import AutopilotStatus, Message, Presence, Rejoined, Start, VehicleJoins
+from agents.inputs import AutopilotStatus, Command, Message, Presence, Rejoined, Start, VehicleJoins
+from agents.notes import Note
 from agents.ports import VehicleStatus
 from agents.refusals import added_refusal
 from agents.settings.config import AgentConfig
@@ -126,6 +127,38 @@ def test_a_core_takes_it_as_a_member_from_then_on_also_in_its_own_next_flight(co
     assert flying(core, 2.1) == (4,)
 
 
+def test_one_that_joins_holds_once_those_that_it_received_are_silent_although_another_never_was(
+    config: AgentConfig, subtests: pytest.Subtests
+) -> None:
+    """Vehicle 3 is down and off the bus. On the ground with the others from the beginning, the core waits for it."""
+    silent_s = config.failsafe.peers_silent_s
+    for joins in (True, False):
+        with subtests.test(joins=joins):
+            core, notes = VehicleCore(replace(config.with_added(4, FOURTH.start_m), vehicle_id=4)), list[Note]()
+            if joins:
+                core.take(Rejoined(0.0, ""))
+            core.take(Start(0.0))
+            for tick in range(round(20.0 * (10.0 + silent_s))):
+                now_s = 1.0 + tick / 20.0
+                for sender in (1, 2) if now_s < 5.0 else ():
+                    core.take(state(sender, now_s))
+                core.take(AutopilotStatus(VehicleStatus(connected=True, armed=True, in_air=True)))
+                core.take(Telemetry(now_s, (0.0, 0.0, 8.0), (0.0, 0.0, 0.0)))
+                notes += core.tick(now_s).status.notes
+            assert ("all peers silent" in {each.alert.condition for each in notes if each.alert}) is joins
+
+
+def test_one_that_did_not_take_off_after_all_answers_again(config: AgentConfig) -> None:
+    core = VehicleCore(replace(config.with_added(4, FOURTH.start_m), vehicle_id=4))
+    core.take(AutopilotStatus(VehicleStatus(connected=True)))
+    core.take(Command(1.0, OperatorCommand(1.0, "rejoin", 4, "pat", 7)))
+    said = []
+    for refusal in ("", "arming was denied", "arming was denied"):
+        core.take(Rejoined(2.0, refusal))
+        said.append([(each.did, each.outcome) for each in core.commands.answers(2.0)])
+    assert said == [[("takes off and joins the others", "obeyed")], [("refused: arming was denied", "refused")], []]
+
+
 def test_a_core_on_the_ground_refuses_a_start_beside_it(config: AgentConfig) -> None:
     core = VehicleCore(config)
     flying(core, 1.0)
@@ -181,13 +214,24 @@ def test_a_ring_too_small_for_four_is_refused_once_the_fourth_has_joined(config:
 MISSION = MissionIdentity("ours", "0" * 16)
 
 
-async def answered(flight: FakeFlight, message: StartProposal) -> str | None:
-    """Return what an agent answers to an announcement: why not, empty if it may join, None for no answer."""
-    flight.bus.deliver(message)
+async def all_answered(flight: FakeFlight, *messages: StartProposal) -> dict[int, str]:
+    """Return what an agent answers to announcements, by their senders: why not, empty if it may join.
+
+    They are repeated as often as vehicles do.
+    """
     await asyncio.sleep(0.5)
-    newest = decode(flight.bus.payloads("start")[-1])
-    assert isinstance(newest, StartProposal)
-    return None if newest.answer is None else newest.answer.refusal
+    sent = len(flight.bus.payloads("start"))
+    for _ in range(5):
+        for each in messages:
+            flight.bus.deliver(each)
+        await asyncio.sleep(0.2)
+    proposals = [each for each in map(decode, flight.bus.payloads("start")[sent:]) if isinstance(each, StartProposal)]
+    return {each.answer.vehicle: each.answer.refusal for each in proposals if each.answer is not None}
+
+
+async def answered(flight: FakeFlight, message: StartProposal) -> str | None:
+    """Return what an agent answers to one announcement, None for no answer."""
+    return (await all_answered(flight, message)).get(message.sender)
 
 
 def test_an_agent_takes_one_that_has_its_own_mission_and_admits_it_to_the_bus() -> None:
@@ -208,12 +252,14 @@ def test_an_agent_takes_one_that_has_its_own_mission_and_admits_it_to_the_bus() 
         flight.bus.deliver(structs.replace(aloft, altitude_m=8.0))
         assert await answered(flight, structs.replace(ours, ready=True, start_s=0.0)) == "", "it flies"
         assert "in the air last, 8.0 m high" in str(await answered(flight, ours)), "it is about to take off"
-        assert "vehicle 4 has been added already" in str(await answered(flight, structs.replace(ours, sender=5)))
+        both = await all_answered(flight, structs.replace(ours, sender=5), ours)
+        assert (both[4], "vehicle 4 has been added already" in both[5]) == ("", True)
         assert flight.bus.admitted == [4]
-        assert [item for _, item in flight.inputs if isinstance(item, VehicleJoins)] == [
-            VehicleJoins(4, FOURTH),
-            VehicleJoins(5, FOURTH),
-        ]
+        judged = [item for _, item in flight.inputs if isinstance(item, VehicleJoins)]
+        assert judged[0] == VehicleJoins(4, FOURTH)
+        assert {item.vehicle_id for item in judged[1:]} == {5}, "again now and then: the ring may change"
+        received = [item.message for _, item in flight.inputs if isinstance(item, Message)]
+        assert {each.sender for each in received if isinstance(each, StartProposal)} == {4}, "no stranger's is counted"
         for _ in range(2):
             flight.stop.request()
         await flight.outcome()

@@ -10,13 +10,16 @@ import re
 import shlex
 import signal
 from asyncio.subprocess import Process
-from collections.abc import Callable
+from collections.abc import AsyncIterator, Callable
+from contextlib import asynccontextmanager
+from dataclasses import dataclass
 from pathlib import Path
 
 import psutil
 import pytest
 
 from gcs.flightlog.reader import read_log
+from gcs.flightlog.records import VehicleEnd
 from gcs.report.evidence.reading import read_flight
 from sitl.autopilot.modes import NavMode
 from tests.support.recoveries import HOME_M, kill_whole, recovered, take_off
@@ -37,7 +40,10 @@ true_scale = { a0 = 0.9, a1 = 1.12 }
 reserve = true
 """
 """What the test serves, and the team's mission file does not have."""
-LASTS_S = 170.0
+_LAST = "start_m = [0.0, -4.0]\n"
+WITH_FOURTH = (_LAST, f"{_LAST}{FOURTH}")
+LASTS_S = 260.0
+"""The time of the mission passes while programs start: half of it is left for them on a busy computer."""
 LASTING = ("duration_s = 600.0", f"duration_s = {LASTS_S}")
 
 
@@ -74,8 +80,7 @@ async def test_a_vehicle_that_is_not_in_the_file_joins_the_ring(
     mission_file: Callable[..., str], tmp_path: Path
 ) -> None:
     """All four end evenly spaced, and land where they started; the logs of both processes are replayed bit for bit."""
-    last = "start_m = [0.0, -4.0]\n"
-    path = mission_file("case2", (last, f"{last}{FOURTH}"), *UNLIKE, *NEAR_TARGET, LASTING)
+    path = mission_file("case2", WITH_FOURTH, *UNLIKE, *NEAR_TARGET, LASTING)
     mission, log, its_log = of_three(path), tmp_path / "team.mcap", tmp_path / "joined.mcap"
     async with team_of(path) as team:
         code, said = await commanded(team, mission, *addition(team))
@@ -115,6 +120,7 @@ async def test_a_vehicle_that_is_not_in_the_file_joins_the_ring(
     before, after = ring.figures(THREE, armed_s - 5.0, armed_s), ring.figures(FOUR, ends_s - 10.0, ends_s)
     even_s = ring.even_after_s(FOUR, armed_s, ends_s)
     print(f"MEASURED before: {before}\nafter: {after}\neven {even_s:.1f} s after its take-off")
+    print(f"it took off {ends_s - armed_s:.0f} s before the end")
     print(f"least distance {team.least_m:.2f} m, level {team.least_level_m:.2f} m")
     for each in (before, after):
         assert each.radius_off_m < 0.3
@@ -125,6 +131,7 @@ async def test_a_vehicle_that_is_not_in_the_file_joins_the_ring(
     assert "vehicle 4, which is not in the mission file, is added" in err
     verdicts = json.loads(out)["verdicts"]
     assert (verdicts["C3"], verdicts["separation"]) == (True, True), "the spacing of four is judged, not of three"
+    assert (verdicts["kept"], json.loads(out)["ended"]["still_flying"]) == (True, [4]), "it lands after the others"
     reported = read_flight([read_log(log)])
     assert [each.vehicle_id for each in reported.evidence.record.vehicles] == [*FOUR]
     for each_log in (log, its_log):
@@ -145,8 +152,7 @@ async def test_one_whose_program_was_killed_comes_home_beside_the_flight_and_is_
     mission_file: Callable[..., str],
 ) -> None:
     """It hovers meanwhile, the others fly on, and all keep apart. The command is the one that its supervisor names."""
-    last = "start_m = [0.0, -4.0]\n"
-    path = mission_file("case2", (last, f"{last}{FOURTH}"), *UNLIKE, *NEAR_TARGET)
+    path = mission_file("case2", WITH_FOURTH, *UNLIKE, *NEAR_TARGET)
     mission = of_three(path)
     async with team_of(path) as team, asyncio.timeout(3.0 * PATIENCE_S), team.watched():
         fourth = team.vehicles[4]
@@ -203,8 +209,7 @@ async def test_one_that_is_not_in_the_file_comes_home_with_a_team_whose_flight_i
     mission_file: Callable[..., str], tmp_path: Path
 ) -> None:
     """They keep apart, it lands last, and the log is replayed bit for bit."""
-    last = "start_m = [0.0, -4.0]\n"
-    path = mission_file("case2", (last, f"{last}{FOURTH}"), *UNLIKE)
+    path = mission_file("case2", WITH_FOURTH, *UNLIKE)
     places_m = {1: (12.0, 2.0), 2: (12.0, -2.0), 3: (12.0, -6.0), 4: (8.0, 0.0)}
     async with team_of(path, starts_m=places_m) as team:
         mission, log = of_three(path), tmp_path / "home.mcap"
@@ -222,3 +227,99 @@ async def test_one_that_is_not_in_the_file_comes_home_with_a_team_whose_flight_i
         assert landed_s.keys() == {*FOUR}
     code, said = await told("replay", str(log))
     assert code == 0, said
+
+
+@dataclass(frozen=True, slots=True)
+class FourInFlight:
+    """A team on its ring with vehicle 4, which has joined: the processes, and their logs."""
+
+    team: Team
+    flight: Process
+    joined: Process
+    log: Path
+    its_log: Path
+
+
+@asynccontextmanager
+async def four_in_flight(path: str) -> AsyncIterator[FourInFlight]:
+    """Fly three vehicles of a mission, and add the fourth."""
+    mission, log, its_log = of_three(path), Path(path).with_name("team.mcap"), Path(path).with_name("joined.mcap")
+    async with (
+        team_of(path) as team,
+        asyncio.timeout(3.0 * PATIENCE_S),
+        team.watched(),
+        running("fly", mission, "--log", str(log), "--json") as flight,
+    ):
+        await until(lambda: any(each.armed for each in team.vehicles.values()), waiting_for="a take-off")
+        with hurried(team.clock):
+            await team.clock.sleep(20.0)
+        with at_speed(team.clock, 1.0):
+            async with running(*addition(team), "--mission", mission, "--log", str(its_log)) as joined:
+                await until(lambda: team.vehicles[4].armed, 60.0, "its take-off", clock=team.clock)
+                with hurried(team.clock):
+                    await team.clock.sleep(SETTLING_S)
+                    yield FourInFlight(team, flight, joined, log, its_log)
+
+
+@pytest.mark.long
+async def test_it_comes_home_once_the_others_do_and_not_when_one_of_them_does(
+    mission_file: Callable[..., str],
+) -> None:
+    """Vehicle 1 lands with a low battery; an operator ends the flight of the others in their terminal."""
+    async with four_in_flight(mission_file("case2", WITH_FOURTH, *UNLIKE, *NEAR_TARGET)) as each:
+        team = each.team
+        team.vehicles[1].battery_fraction = 0.19
+        await until(lambda: not team.vehicles[1].armed, 200.0, "its landing", clock=team.clock)
+        assert team.aloft == {2, 3, 4}
+        each.flight.send_signal(signal.SIGINT)
+        await until(lambda: team.aloft <= {4}, 200.0, "the landings of the others", clock=team.clock)
+        assert team.aloft == {4}, "it lands last"
+        await until(lambda: not team.aloft, 200.0, "its landing", clock=team.clock)
+        _, its_err = (words.decode() for words in await each.joined.communicate())
+        out, err = (words.decode() for words in await each.flight.communicate())
+    ends = "the flight that it joined has ended: the others return and land (2, 3)"
+    print(f"MEASURED its terminal:\n{its_err}\nthat of the others:\n{err}")
+    assert (each.joined.returncode, each.flight.returncode) == (4, 4)
+    for said in (f"vehicle 4 comes home: {ends}", f"Ended by the operator: vehicle 4: {ends}"):
+        assert said in its_err
+    [end] = read_log(each.its_log).of_kind(4, VehicleEnd)
+    assert (end.how, end.reason) == ("operator", ends)
+    result = json.loads(out)
+    assert result["ended"]["still_flying"] == [4]
+    assert "vehicle 4: joined this flight and still flies (return and land)" in result["ended"]["reason"]
+    assert {left["vehicle"] for left in result["departures"]} == {1}
+    assert team.least_level_m >= team.mission.safety.separation_m
+    assert all(team.off_start_m(i) < 1.0 for i in FOUR)
+
+
+@pytest.mark.long
+async def test_a_team_whose_added_vehicle_fell_silent_in_the_air_has_not_kept_it(
+    mission_file: Callable[..., str],
+) -> None:
+    """Its process is killed, with its supervisor: the vehicle holds, and the others fly on."""
+    async with four_in_flight(mission_file("case2", WITH_FOURTH, *UNLIKE, *NEAR_TARGET)) as each:
+        team = each.team
+        for process in (supervisor := psutil.Process(each.joined.pid), *supervisor.children(recursive=True)):
+            process.kill()
+        await team.clock.sleep(SETTLING_S)
+        for _ in range(2):
+            each.flight.send_signal(signal.SIGINT)
+            await team.clock.sleep(1.0)
+        await until(lambda: team.aloft <= {4}, 200.0, "the landings of the others", clock=team.clock)
+        out, err = (words.decode() for words in await each.flight.communicate())
+    print(f"MEASURED the others' terminal:\n{err}")
+    async with running("report", str(each.log), "--json") as report:
+        reported, _ = await report.communicate()
+    for code, words in ((each.flight.returncode, out), (report.returncode, reported.decode())):
+        result = json.loads(words)
+        assert code == 4
+        assert result["verdicts"]["kept"] is False
+        [left] = result["departures"]
+        assert (left["vehicle"], left["place"], left["cause"]) == (
+            4,
+            "ring",
+            "joined this flight and fell silent in the air",
+        )
+        assert (result["ended"]["how"], result["ended"]["vehicles"]) == ("lost", [4])
+        [lost] = result["ended"]["unaccounted"]
+        assert lost["vehicle"] == 4

@@ -46,7 +46,7 @@ def read_flight(logs: Sequence[FlightLog]) -> LoggedFlight:
     _require_one_flight(logs)
     journal = Journal(mission_of(logs[0]))
     vehicles = [_VehicleReader(log, vehicle_id, journal) for log in logs for vehicle_id in log.run.vehicles]
-    mission = _joined(mission_of(logs[0]), logs, journal.received)
+    mission = _joined(mission_of(logs[0]), logs, journal.joined)
     journal.enlarge(mission)
     starts_s = [each.start_s for each in vehicles if each.start_s is not None]
     if not starts_s:
@@ -77,11 +77,11 @@ def read_flight(logs: Sequence[FlightLog]) -> LoggedFlight:
     return LoggedFlight(mission, FlightEvidence(record, known, facts, _names(logs), speed=speed), is_damaged)
 
 
-def _joined(mission: Mission, logs: Sequence[FlightLog], received: Collection[int]) -> Mission:
-    """Return a mission with the vehicle that has joined its flight, by what the others recorded of it."""
+def _joined(mission: Mission, logs: Sequence[FlightLog], joined: Collection[int]) -> Mission:
+    """Return a mission with the vehicle that is among those `joined`, by what the others recorded of it."""
     records = (each for log in logs for records in log.vehicles.values() for each in records)
     for added in [each.read(VehicleJoins) for each in records if each.kind is VehicleJoins]:
-        if added.vehicle_id in received:
+        if added.vehicle_id in joined:
             return joined_mission(mission, added.vehicle_id, added.vehicle)
     return mission
 

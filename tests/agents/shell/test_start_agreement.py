@@ -246,7 +246,8 @@ def test_who_joined_an_earlier_flight_and_still_flies_has_to_have_the_same_clock
         adds = AddedVehicle((0.0, -9.0), 8.0)
         for _ in range(SAMPLES_MIN):
             agreement.receive(StartProposal(4, clock.time_s - lag_s, 1.0, mission=ours, adds=adds))
-        assert ("that of vehicle 4's" in agreement.refusal) is refused
+        refusal = agreement.refusal
+        assert (refusal is not None and "that of vehicle 4's" in refusal.reason) is refused
 
     asyncio.run(compared())
 

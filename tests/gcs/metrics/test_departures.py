@@ -129,7 +129,7 @@ def test_a_vehicle_of_which_nothing_more_is_known_has_not_stayed() -> None:
 
 
 def test_a_flight_that_ended_in_its_place_is_not_kept_unless_by_order(subtests: pytest.Subtests) -> None:
-    ordered = {"landed", "simulated", "operator", "aborted", "killed", "unknown"}
+    ordered = {"landed", "simulated", "operator", "aborted", "killed", "unknown", "flies on"}
     for how in FlightEnd:
         with subtests.test(how=how):
             flown = record(track(1), ended=how.value)
@@ -137,6 +137,39 @@ def test_a_flight_that_ended_in_its_place_is_not_kept_unless_by_order(subtests: 
             at_the_end = FlightEvent(100.05, 1, "tactic", "encircle -> return and land: end")
             assert departures(replace(flown, events=(at_the_end,))) == ()
     assert departures(record(track(1), ended="in flight")) == (Departure(1, 100.0, "ring", "why"),)
+
+
+def fallen_silent(vehicle_id: int, at_s: float) -> VehicleEnding:
+    return VehicleEnding(vehicle_id, FlightEnd.LOST, "fell silent", joined=True, heard_s=at_s)
+
+
+@pytest.mark.parametrize(
+    ("tactics", "at_s", "place"),
+    [
+        ((), 60.0, "ring"),
+        (((0.0, "standby"),), 60.0, "flight"),
+        (((50.0, "hold"),), 60.0, "flight"),
+        ((), 130.0, "flight"),
+    ],
+)
+def test_one_that_joined_and_fell_silent_in_the_air_left_once_wherever_it_was(
+    tactics: tuple[tuple[float, str], ...], at_s: float, place: str
+) -> None:
+    """Also on its way home, after the mission's end, and held by an operator."""
+    fourth = silent(track(4, *tactics), at_s) if at_s < 100.0 else track(4, *tactics)
+    result = judged(replace(record(track(1), fourth), endings=(fallen_silent(4, at_s),)))
+    assert result.departures == (Departure(4, at_s, place, "fell silent"),)
+    assert (result.verdicts.kept, result.ended_early) == (False, True)
+    line = departures_line(result.departures)
+    assert line == f"vehicle 4 left the {place} at {at_s:.1f} s (fell silent)"
+
+
+def test_one_that_joined_and_landed_or_still_flies_fails_nothing() -> None:
+    for how, at_s in ((FlightEnd.LANDED, 60.0), (FlightEnd.FLIES_ON, 99.0)):
+        home = silent(track(4, (50.0, "return and land"), (55.0, "land")), at_s)
+        flown = replace(record(track(1), home), endings=(VehicleEnding(4, how, "", joined=True, heard_s=at_s),))
+        assert departures(flown) == ()
+        assert not judged(flown).ended_early
 
 
 def test_a_vehicle_that_its_dead_supervisor_or_an_error_landed_did_not_leave_by_order(

@@ -45,8 +45,15 @@ def test_a_team_that_landed_ended_as_it_should_and_without_vehicles_nothing_is_k
     ended = flight((3, FlightEnd.LANDED, DOWN), (1, FlightEnd.LANDED, DOWN), (2, FlightEnd.LANDED, DOWN))
     assert ended == TeamEnding(FlightEnd.LANDED, "Vehicles 1, 2 and 3: landed and disarmed.", (1, 2, 3))
     assert ended.headline == "Landed and disarmed"
-    assert {how for how in FlightEnd if not flight((1, how, "x")).is_early} == {FlightEnd.LANDED, FlightEnd.SIMULATED}
+    as_planned = {FlightEnd.LANDED, FlightEnd.SIMULATED, FlightEnd.FLIES_ON}
+    assert {how for how in FlightEnd if not flight((1, how, "x")).is_early} == as_planned
     assert TeamEnding.of([]) is None
+
+
+def test_a_team_that_landed_names_one_that_joined_and_still_flies() -> None:
+    ended = flight((1, FlightEnd.LANDED, DOWN), (4, FlightEnd.FLIES_ON, "joined this flight and still flies"))
+    assert (ended.how, ended.vehicles, ended.still_flying) == (FlightEnd.LANDED, (1,), (4,))
+    assert ended.reason == "Vehicle 1: landed and disarmed; vehicle 4: joined this flight and still flies."
 
 
 def test_a_vehicle_that_is_unaccounted_for_has_its_last_place_in_degrees_or_in_metres_of_a_local_frame() -> None:

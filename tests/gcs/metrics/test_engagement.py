@@ -1,11 +1,14 @@
 """Who was to engage and who did: lines that pass a target, with thresholds of their own, and missions that are cut."""
 
 from collections.abc import Mapping
+from dataclasses import replace
 from math import sqrt
 
 import numpy as np
 import pytest
 
+from agents.flight_end import FlightEnd
+from gcs.metrics.ending import VehicleEnding
 from gcs.metrics.record import FlightRecord, LoopStatistics, VehicleTrack
 from gcs.metrics.references import (
     GRACE_S,
@@ -54,6 +57,19 @@ def test_one_of_five_that_passes_too_far_away_was_to_engage() -> None:
     assert result == EngagementResult((1, 2, 3, 4, 5), (2, 3, 4, 5))
     assert result.holds is False
     assert engaged_line(result) == "4 of 5 vehicles engaged; vehicle 1 did not"
+
+
+def test_one_that_joined_and_fell_silent_before_it_engaged_was_to_engage() -> None:
+    """It had no time for it: it was received for ten seconds."""
+    flown = passing({each: y for each, y in FIVE.items() if each > 1}, engages=(2, 3, 4))
+    *others, last = flown.vehicles
+    brief = np.where((flown.time_s > 5.0) & (flown.time_s < 15.0), last.tactic, "unknown")
+    record = replace(flown, vehicles=(*others, replace(last, tactic=brief)))
+    assert told(record, ALL).to_engage == (2, 3, 4)
+    silent = VehicleEnding(5, FlightEnd.LOST, "", joined=True, heard_s=15.0)
+    assert told(replace(record, endings=(silent,)), ALL).missing == (5,)
+    still = VehicleEnding(5, FlightEnd.FLIES_ON, "", joined=True, heard_s=15.0)
+    assert told(replace(record, endings=(still,)), ALL).holds
 
 
 def test_a_vehicle_that_stood_aside_all_the_time_was_to_engage_and_one_that_went_home_was_not() -> None:

@@ -2,18 +2,21 @@
 
 from collections.abc import Callable, Iterable
 from dataclasses import replace
+from typing import Literal
 
 import numpy as np
 import pytest
+from msgspec import structs
 
+from agents.flight_end import FlightEnd
 from agents.outputs import CoreStatus
 from agents.situation.situation import Situation
 from agents.tactics import Tactic
-from agents.team.messages import MemberState, NeighbourAngle
+from agents.team.messages import AddedVehicle, CommandAnswer, MemberState, NeighbourAngle
 from estimation.state import OwnEstimate, TargetEstimate, Vector
 from gcs.metrics.journal import Journal, RunTotals
 from gcs.metrics.record import FlightRecord, VehicleTrack
-from gcs.mission.file import load_mission
+from gcs.mission.file import joined_mission, load_mission
 from gcs.mission.mission import Mission
 from sitl.server.server import TruthTrack
 from tests.support.estimates import own_spread, target_spread
@@ -153,6 +156,81 @@ def test_older_news_of_a_peer_do_not_turn_time_back(mission: Mission) -> None:
         journal.note(status(2, time_s, peers=[peer(3, time_s - 0.5, lambda _: (99.0, 99.0, 9.0, 9.0))]), 80.0)
     flight = record(journal)
     assert_flies(track(flight, 3), flight.time_s, parallel)
+
+
+# A vehicle that joined the flight from a process of its own
+
+LANDS_M = 0.2
+
+
+def joined(*told: tuple[float, str, float], until_s: float = 60.0) -> Journal:
+    """Vehicle 1 flies for a minute; vehicle 4, which has joined, sends tactics and heights from times on."""
+    journal = Journal(load_mission("case2"))
+    journal.enlarge(joined_mission(load_mission("case2"), 4, AddedVehicle((0.0, -8.0), 8.0)))
+    for time_s in np.arange(0.0, 60.05, 0.5).tolist():
+        newest = [each for each in told if each[0] <= time_s][-1:] if time_s <= until_s else []
+        states = [structs.replace(peer(4, time_s, tactic=tactic), altitude_m=z) for _, tactic, z in newest]
+        journal.note(status(1, time_s, peers=states), 80.0)
+    return journal
+
+
+AIR, RING, HOME = (10.0, "formation", 8.0), (20.0, "encircle", 8.0), (30.0, "return and land", 8.0)
+
+
+@pytest.mark.parametrize(
+    ("told", "until_s", "how"),
+    [
+        ((AIR, RING), 60.0, FlightEnd.FLIES_ON),
+        ((AIR, RING), 56.0, FlightEnd.FLIES_ON),
+        ((AIR, RING), 50.0, FlightEnd.LOST),
+        (((10.0, "standby", 8.0),), 12.0, FlightEnd.LOST),
+        ((AIR, RING, HOME), 50.0, FlightEnd.LOST),
+        ((AIR, RING, HOME, (40.0, "land", 8.0), (45.0, "land", LANDS_M)), 50.0, FlightEnd.LANDED),
+        ((AIR, RING, HOME, (40.0, "land", 8.0)), 41.0, FlightEnd.LOST),
+        ((AIR, RING, HOME, (40.0, "land", 8.0)), 60.0, FlightEnd.FLIES_ON),
+        ((AIR, RING, (30.0, "pilot override", 8.0)), 31.0, FlightEnd.PILOT),
+    ],
+)
+def test_one_that_joined_ended_as_far_as_it_was_received(
+    told: tuple[tuple[float, str, float], ...], until_s: float, how: FlightEnd
+) -> None:
+    [ending] = record(joined(*told, until_s=until_s), duration_s=60.0).endings
+    assert (ending.vehicle, ending.how, ending.joined) == (4, how, True)
+    assert ending.heard_s == pytest.approx(until_s)
+    lost = ending.unaccounted
+    assert (lost is not None) is (how is FlightEnd.LOST)
+    if lost is not None:
+        assert lost.position_m == pytest.approx((*parallel(until_s)[:2], 8.0))
+        assert lost.age_s == pytest.approx(60.0 - until_s)
+
+
+def answered(journal: Journal, at_s: float, did: str, outcome: Literal["begun", "obeyed", "refused"]) -> None:
+    answer = CommandAnswer(4, START_S + at_s, 7, did, "rejoin", "pat", outcome)
+    journal.note(structs.replace(status(1, at_s), answers=(answer,)), None)
+
+
+def test_one_that_took_off_and_was_never_received_in_the_air_fell_silent_after_a_while() -> None:
+    """It is where it started, as far as the others know; one that answers that it stays on the ground does not fly."""
+    for at_s, how in ((-10.0, FlightEnd.LOST), (20.0, FlightEnd.FLIES_ON)):
+        journal = joined()
+        answered(journal, at_s - 1.0, "is checked", "begun")
+        assert record(journal, duration_s=60.0).endings == ()
+        answered(journal, at_s, "takes off and joins the others", "obeyed")
+        [ending] = record(journal, duration_s=60.0).endings
+        assert (ending.vehicle, ending.how) == (4, how)
+        assert ending.heard_s == pytest.approx(at_s)
+        if how is FlightEnd.LOST:
+            assert ending.unaccounted is not None
+            assert ending.unaccounted.position_m == (0.0, -8.0, 0.0)
+        answered(journal, at_s + 2.0, "arming was denied", "refused")
+        assert record(journal, duration_s=60.0).endings == ()
+
+
+def test_one_of_the_file_and_one_that_was_never_received_have_no_such_ending() -> None:
+    journal = Journal(load_mission("case2"))
+    journal.note(status(1, 1.0, peers=[peer(3, 1.0)]), 80.0)
+    assert record(journal).endings == ()
+    assert record(joined()).endings == ()
 
 
 # The truth, where a simulator tells it

@@ -36,6 +36,11 @@ def test_the_others_have_the_configuration_that_their_agents_make_of_the_announc
 def test_for_metrics_it_is_known_by_its_announcement() -> None:
     joined = joined_mission(load_mission("case2"), 4, AddedVehicle((0.0, -8.0), 8.0))
     assert joined.vehicle(4).section.start_m == (0.0, -8.0)
+    its_id_taken = load_mission("case2", {"vehicles[2].system_id": 4})
+    assert joined_mission(its_id_taken, 4, AddedVehicle((0.0, -8.0), 8.0)).ids == (1, 2, 3, 4)
+    alike = {f"vehicles[{each}].profile": "stub-feedforward" for each in range(3)}
+    others = load_mission("case2", {"link.feedforward": True, **alike})
+    assert joined_mission(others, 4, AddedVehicle((0.0, -8.0), 8.0)).added == 4, "it does not take the default profile"
     rings = load_mission("two-targets")
     assert joined_mission(rings, 9, AddedVehicle((0.0, -80.0), 8.0)) is rings
 

@@ -24,11 +24,11 @@ from gcs.link.rates import Losses
 from gcs.link.relay.gate import LinkReport
 from gcs.link.self_reports import EstimatorReport
 from gcs.link.status_texts import HealthItem
-from gcs.mission.file import load_mission
+from gcs.mission.file import enlarged_mission, load_mission
 from gcs.mission.mission import Mission
 from gcs.preflight.findings import MISSION, FenceArea, Finding, GpsFix, Grade, VehicleFacts
 from gcs.preflight.keys import KeyFacts
-from gcs.preflight.mission import extent_m
+from gcs.preflight.mission import extent_m, feasibility
 from gcs.preflight.preflight import exit_code, findings_json, findings_view, preflight, worst
 from tests.support.mission_text import content, parsed, put
 from tests.support.result_keys import OUTPUT_KEYS
@@ -132,6 +132,19 @@ def test_a_healthy_team_has_no_grave_finding() -> None:
     assert worst(findings) is Grade.PASS
     assert all(each.found and not each.next_step for each in findings)
     assert exit_code(findings) is Exit.HOLDS
+
+
+def test_a_start_out_of_the_radio_range_of_all_others_is_warned_of() -> None:
+    """Vehicle 3 at (0, y), the next one at (0, 0); 200 m is the default range."""
+    for y, warned in ((-199.0, False), (-1000.0, True)):
+        mission = load_mission("case2", {"vehicles[2].start_m": [0.0, y]})
+        found = [each for each in feasibility(mission) if each.check == "start"]
+        assert [(each.about, each.grade) for each in found] == ([(3, Grade.WARNING)] if warned else [])
+        assert all("1000 m" in each.found and "200 m" in each.found for each in found)
+    enlarged = enlarged_mission(
+        load_mission("case2"), {"id": 4, "start_m": (0.0, -1000.0), "url": "udpin://127.0.0.1:14999"}
+    )
+    assert [each.about for each in feasibility(enlarged) if each.check == "start"] == [4]
 
 
 def test_a_mission_without_a_fence_is_warned_of() -> None:

@@ -123,10 +123,23 @@ def test_the_verdicts_never_head_a_flight_that_ended_in_a_kill() -> None:
     assert lines[1].rstrip() == KILLED.reason
 
 
+def test_one_that_joined_and_still_flies_is_named_although_the_flight_ended_as_planned() -> None:
+    sentence = "Vehicle 1: landed and disarmed; vehicle 4: joined this flight and still flies."
+    result = all_held(TeamEnding(FlightEnd.LANDED, sentence, (1,), still_flying=(4,)))
+    terminal = StringIO()
+    Console(file=terminal, width=200).print(terminal_summary(result))
+    evidence, _, criteria = flown(3, duration_s=60.0, rate_hz=5.0)
+    undrawn = FlightEvidence(replace(evidence.record, vehicles=()), ())
+    page = report_html(undrawn, result, criteria, ring_flight(2.0))
+    for text in (terminal.getvalue(), page):
+        assert sentence in text
+    assert verdict_of(result) is Exit.HOLDS
+
+
 def test_the_exit_code_follows_how_it_ended(subtests: pytest.Subtests) -> None:
     for how in FlightEnd:
         with subtests.test(how=how):
-            early = how not in (FlightEnd.LANDED, FlightEnd.SIMULATED)
+            early = how not in (FlightEnd.LANDED, FlightEnd.SIMULATED, FlightEnd.FLIES_ON)
             held = verdict_of(all_held(TeamEnding(how, "Why.", (1,))))
             assert held is (Exit.ENDED_IN_FLIGHT if early else Exit.HOLDS)
     assert verdict_of(all_held(None)) is Exit.HOLDS

@@ -26,7 +26,7 @@ from agents.team.perception import ExternalSighting
 from gcs.console.command_client import CommandClient
 from gcs.console.watch import WatchView, watch
 from gcs.link.ports import fed_ports, flight_claims, free_ports, stub_claims
-from gcs.mission.file import load_mission, parse_mission
+from gcs.mission.file import enlarged_mission, load_mission, parse_mission
 from tests.support.mission_text import INSECURE, LOW
 from tests.support.paths import ROOT
 from tests.support.wire import PATIENCE_S, running
@@ -168,6 +168,22 @@ async def test_stubs_serve_a_station_that_listens_already_and_claims_of_a_killed
             await stubs.communicate()
     with flight_claims(mission, mission.ids):
         pass
+
+
+def test_a_vehicle_that_joins_a_flight_is_pointed_to_its_own_options(missions: tuple[str, str, str]) -> None:
+    mission, other = (load_mission(missions[0], {"mission.rate_hz": rate_hz}) for rate_hz in (10.0, 20.0))
+    start_m = min(each.section.start_m[0] for each in mission.vehicles) - 50.0, 0.0
+    keys = {"id": 9, "start_m": start_m, "altitude_m": mission.vehicles[-1].section.altitude_m}
+    [port] = free_ports(1)
+    joining = enlarged_mission(mission, keys | {"url": f"udpin://127.0.0.1:{port}"})
+    for claimed, options in (
+        (stub_claims([port]), ("--url", "--endpoint")),
+        (flight_claims(other, ()), ("--set",)),
+    ):
+        with claimed, pytest.raises(VehicleRefusedError) as refusal, flight_claims(joining, (9,)):
+            pass
+        assert all(option in refusal.value.next_step for option in options), refusal.value.next_step
+        assert ("--set" in refusal.value.next_step) is ("--set" in options)
 
 
 def test_a_folder_of_claims_that_cannot_be_written_is_named(
