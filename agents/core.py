@@ -53,7 +53,7 @@ from agents.notes import (
 )
 from agents.outputs import CoreStatus, LandingCause, Outgoing, TickOutput
 from agents.ports import Connection, FlightMode, ModeSource, Reference, Setpoint
-from agents.refusals import added_refusal, place_refusal, rejoin_refusal
+from agents.refusals import added_refusal, aloft_refusal, place_refusal, rejoin_refusal
 from agents.ring.chooser import RingChooser, Wanted
 from agents.ring.commanded_rings import CommandedRings
 from agents.safety.failsafe import POSITION_ALERTS, override
@@ -689,10 +689,17 @@ class VehicleCore:
         self._fault_detector.join()
         self._follow_commands()
 
+    def aloft_refusal(self, vehicle_id: int) -> str:
+        """Return why a vehicle that has joined must not take off anew, as far as it was received; empty if it may."""
+        states = (*self._team.members(), *self._team.lost(self._now_s, inf))
+        return aloft_refusal(vehicle_id, states, self._config)
+
     def _refuse_added(self, vehicle_id: int, vehicle: AddedVehicle) -> str:
         """Return why a vehicle that is not in the mission file must not join, empty if it may."""
         if self._has_plug_in:
             return "a plug-in planner flies its mission"
+        if aloft := self.aloft_refusal(vehicle_id):
+            return aloft
         place_m, separation_m = self._estimator.position_m, self._config.safety.separation_m
         away_m = inf if place_m is None else dist(place_m, vehicle.start_m)
         if not self._vehicle.status.armed and away_m < separation_m:

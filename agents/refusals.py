@@ -2,7 +2,7 @@
 mission file must not join.
 """
 
-from collections.abc import Collection
+from collections.abc import Collection, Iterable
 from math import atan2, dist, inf
 
 from agents.ports import VehicleStatus
@@ -129,6 +129,15 @@ def _take_off_refusal(home_m: Pair, separation_m: float, peers: Collection[Membe
         away_m = dist(there_m, home_m)
         if away_m < separation_m and (goal_m is not None or peer.tactic in _HOLDS):
             return f"vehicle {peer.sender} {does} {away_m:.1f} m from its take-off place: send it elsewhere first"
+    return ""
+
+
+def aloft_refusal(vehicle_id: int, states: Iterable[MemberState], config: AgentConfig) -> str:
+    """Return why a vehicle that has joined before must not take off anew: its last state is in the air; else empty."""
+    for state in states:
+        if state.sender == vehicle_id and state.altitude_m > config.lowest_m / 2.0:
+            last = f"it was in the air last, {state.altitude_m:.1f} m high"
+            return f"{last}: bring it home by `cordon recover --add {vehicle_id} --only {vehicle_id}`"
     return ""
 
 

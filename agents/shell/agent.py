@@ -479,10 +479,11 @@ class Agent:
     def _meet(self, message: StartProposal, vehicle: AddedVehicle) -> None:
         """Answer a vehicle that is not in the mission file and joins, and take it as a member if it may.
 
-        One that has another mission is not answered: it finds the difference itself.
+        One that has another mission is not answered: it finds the difference itself. Nor is one that this process
+        brings home together with this vehicle.
         """
         parts, core, sender, now_s = self._parts, self._core, message.sender, self._clock.now_s()
-        if parts.mission is None or message.mission != parts.mission:
+        if parts.mission is None or message.mission != parts.mission or sender in parts.config.slots:
             return
         is_new = core.added != (sender, vehicle)
         if is_new and now_s - self._judged_s < _JUDGED_EVERY_S * self._clock.time_scale:
@@ -492,7 +493,10 @@ class Agent:
             core.take(VehicleJoins(sender, vehicle))
             if not core.added_refusal:
                 parts.bus.admit(sender)
-        self._start_agreement.answer(sender, vehicle, core.added_refusal if is_new else "")
+            refusal = core.added_refusal
+        else:  # one that flies is ready; one that is not yet is about to take off, also from where it landed
+            refusal = "" if message.ready else core.aloft_refusal(sender)
+        self._start_agreement.answer(sender, vehicle, refusal)
 
     def _act_on_commands(self) -> None:
         """Execute commands that do not wait for a tick; a vehicle on the ground, which does not tick, answers here."""

@@ -247,7 +247,9 @@ class StartAgreement:
 
     def _flies_already(self, message: StartProposal) -> bool:
         """Return whether a vehicle that joined an earlier flight of this team still flies: it has to have one clock."""
-        return message.adds is not None and message.start_s is not None and message.mission == self._mission
+        begins_with_this = message.sender in self._readiness.others  # both are taken in the air and brought home
+        joined = message.adds is not None and message.start_s is not None and message.mission == self._mission
+        return joined and not begins_with_this
 
     def _take_answer(self, sender: int, answer: AddedAnswer) -> None:
         if (answer.vehicle, answer.about) == (self._vehicle_id, self._adds):  # not to an earlier attempt

@@ -29,6 +29,7 @@ from gcs.cli.options import (
     TakeWithoutAsking,
     bus_mission,
     chosen_vehicle,
+    loaded_mission,
     require_answer,
     require_known,
     require_station,
@@ -179,7 +180,8 @@ def _check_adoption(options: FlyOptions) -> None:
         }
         if faults := [f"--adopt: not with {option}" for option, given in others.items() if given]:
             raise InputError(faults)
-        require_answer(options.mission, options.changes, options.take_from_pilot, options.leave, yes=options.yes)
+        taken = options.take_from_pilot, options.leave
+        require_answer(lambda: require_known(loaded_mission(options.mission, options.changes), *taken), yes=options.yes)
     else:
         needing = {"--take-from-pilot": options.take_from_pilot, "--leave": options.leave, "--yes": options.yes}
         if faults := [f"{option}: it needs --adopt" for option, given in needing.items() if given]:

@@ -2,7 +2,7 @@
 
 import re
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from math import inf, nan
 from pathlib import Path
@@ -241,18 +241,16 @@ def running_mission(name: str, changes: Sequence[str] = ()) -> "Mission":
     return mission
 
 
-def require_answer(
-    mission: str, changes: Sequence[str], from_pilot: Sequence[int], left: Sequence[int], *, yes: bool
-) -> None:
+def require_answer(check: Callable[[], object], *, yes: bool) -> None:
     """Raise InputError where vehicles in the air are to be taken and there is no terminal to ask on.
 
-    It names as well what is wrong with the mission and the vehicles given: the next try needs both.
+    It names as well what `check` finds wrong with the mission and the vehicles given: the next try needs both.
     """
     if yes or (sys.stdin.isatty() and sys.stderr.isatty()):
         return
     faults = ["--yes: there is no terminal to ask for confirmation; give --yes to confirm"]
     try:
-        require_known(loaded_mission(mission, changes), from_pilot, left)
+        check()
     except InputError as error:
         faults = [*error.faults, *faults]
     raise InputError(faults)

@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter
 
+from gcs.cli.added import NOT_DESCRIBED, AddedVehicleOptions, enlarged, given_options
 from gcs.cli.options import (
     Changes,
     Json,
@@ -16,6 +17,7 @@ from gcs.cli.options import (
     TakeFromPilot,
     TakeWithoutAsking,
     bus_mission,
+    chosen_vehicle,
     require_answer,
     require_known,
 )
@@ -35,9 +37,22 @@ class RecoveryOptions:
 
     mission: MissionName = field(kw_only=False)
     changes: Changes = ()
+    only: Annotated[
+        tuple[int, ...],
+        Parameter(
+            negative="",
+            show_default=False,
+            help="Bring home only this vehicle, while others of the team may still fly; may be repeated.",
+        ),
+    ] = ()
+    add: Annotated[
+        int | None,
+        Parameter(help="Id of a vehicle that is not in the mission file and had joined the flight (`cordon rejoin`)."),
+    ] = None
     land: Annotated[bool, Parameter(negative="", help="Land each vehicle where it is, instead of at its start_m.")] = (
         False
     )
+    described: AddedVehicleOptions = NOT_DESCRIBED
     take_from_pilot: TakeFromPilot = ()
     leave: Leave = ()
     yes: TakeWithoutAsking = False
@@ -55,17 +70,44 @@ def recover(options: RecoveryOptions) -> int:
     pilot. A vehicle that is armed on the ground, has another autopilot or no position is refused: then nothing is sent
     to any.
 
-    Ctrl-C: hold, land, disarm; twice: land at once. A flight that still runs is commanded by `cordon command`.
+    With --only other vehicles of the team may still fly: those that are brought home keep apart from them. With --add
+    the team has a vehicle more, as it was described to `cordon rejoin --add`.
+
+    Ctrl-C: hold, land, disarm; twice: land at once. A vehicle that is still flown is commanded by `cordon command`.
 
     Example: cordon recover px4-trio
 
     Example: cordon recover px4-trio --land --leave 2 --yes
+
+    Example: cordon recover px4-trio --add 4 --only 4 --start 0,-9 --url udpin://127.0.0.1:14543 --profile px4
     """
     from gcs.flight.supervisor import is_supervised, supervise
 
     hold_back()
-    require_answer(options.mission, options.changes, options.take_from_pilot, options.leave, yes=options.yes)
+    require_answer(lambda: _mission(options), yes=options.yes)
     return _recover(options) if is_supervised() else supervise(json=options.json)
+
+
+def _mission(options: RecoveryOptions) -> "Mission":
+    """Return the mission, with the vehicle of --add; raises InputError, whose faults name options."""
+    mission = bus_mission(options.mission, options.changes)
+    if options.add is not None:
+        faults = list[str]()
+        if options.add in mission.ids:
+            faults.append(f"--add: vehicle {options.add} is in the mission: recover it without --add")
+        if options.described.url is None:
+            faults.append("--url: with --add the vehicle needs its connection")
+        mission = enlarged(mission, options.add, options.described, faults, named="--add")
+    elif given := given_options(options.described):
+        raise InputError([f"{option}: it needs --add" for option in given])
+    require_known(mission, options.take_from_pilot, options.leave)
+    for each in options.only:
+        chosen_vehicle(mission, each, "--only")
+    if options.only and options.leave:
+        raise InputError(["--leave: not with --only, which leaves all others"])
+    if others := {*options.take_from_pilot} - {*options.only} if options.only else ():
+        raise InputError([f"--take-from-pilot: vehicle {each} is not given by --only" for each in sorted(others)])
+    return mission
 
 
 def _recover(options: RecoveryOptions) -> Exit:
@@ -95,20 +137,21 @@ def _recover(options: RecoveryOptions) -> Exit:
 
 def _plan(options: RecoveryOptions) -> "FlightPlan":
     from gcs.console.terminal import print_line
+    from gcs.flight.equipment import WithoutSensors
     from gcs.flight.plan import FlightPlan, TeamRecovery
     from gcs.flight.recovery import HOLDS_S, homeward
     from gcs.flight.request import require_governed
     from gcs.flight.stubs import lockstep_clock
 
-    file = bus_mission(options.mission, options.changes)
-    require_known(file, options.take_from_pilot, options.leave)
-    mission, told = homeward(file, land=options.land)
+    mission, told = homeward(_mission(options), land=options.land)
     if told:
         print_line(told, "yellow")
-    vehicles = tuple(each for each in mission.vehicles if each.id not in options.leave)
+    taken = options.only or [each for each in mission.ids if each not in options.leave]
+    vehicles = tuple(each for each in mission.vehicles if each.id in taken)
     if not vehicles:
         raise InputError(["--leave: no vehicle of the mission is left to bring home"])
-    clock = lockstep_clock(mission, mission.ids)
+    clock = lockstep_clock(mission, taken)
     require_governed(options.speed, only_stubs=clock is not None, advice="it needs `cordon sitl --lockstep`")
-    recovery = TeamRecovery(options.take_from_pilot, confirmed=options.yes)
-    return FlightPlan(mission, HOLDS_S, vehicles, options.speed, clock=clock, recovery=recovery)
+    recovery = TeamRecovery(options.take_from_pilot, confirmed=options.yes, beside=bool(options.only))
+    equipment = WithoutSensors() if options.only else None
+    return FlightPlan(mission, HOLDS_S, vehicles, options.speed, equipment=equipment, clock=clock, recovery=recovery)

@@ -3,12 +3,13 @@ file joins it.
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Annotated
 
-from cyclopts import Group, Parameter
+from cyclopts import Parameter
 from cyclopts.validators import Number
 
+from gcs.cli.added import ADD, NOT_DESCRIBED, AddedVehicleOptions, enlarged, given_options
 from gcs.cli.command import send
 from gcs.cli.options import (
     Changes,
@@ -21,50 +22,26 @@ from gcs.cli.options import (
     chosen_vehicle,
     running_mission,
 )
-from gcs.errors import Exit, InputError, KeyFault
+from gcs.errors import Exit, InputError
 from gcs.signals import hold_back
 
 if TYPE_CHECKING:
     from gcs.metrics.record import FlightRecord
     from gcs.mission.mission import Mission
 
-_ADD = Group("With --add")
-
 
 @Parameter(name="*")
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AddOptions:
-    """Options of `cordon rejoin --add`: keys of the vehicle, and of its flight."""
+    """Options of `cordon rejoin --add` about the flight of the vehicle."""
 
-    start: Annotated[
-        str | None,
-        Parameter(group=_ADD, help="Its place on the ground, X,Y [m], such as 0,-8.", allow_leading_hyphen=True),
-    ] = None
-    url: Annotated[str | None, Parameter(group=_ADD, help="Its MAVLink connection, as in a mission file.")] = None
-    profile: Annotated[
-        str | None, Parameter(group=_ADD, help="Bundled profile, or a file beside the mission; default: stub.")
-    ] = None
-    altitude: Annotated[
-        float | None,
-        Parameter(group=_ADD, help="Flying height [m], between those of the others; default: that of the last one."),
-    ] = None
-    slot: Annotated[
-        str | None,
-        Parameter(
-            group=_ADD, help="Its position in a free formation, X,Y [m]; others take none.", allow_leading_hyphen=True
-        ),
-    ] = None
-    system_id: Annotated[int | None, Parameter(group=_ADD, help="MAVLink system id; default: its id.")] = None
-    endpoint: Annotated[
-        str | None, Parameter(group=_ADD, help="Zenoh endpoint of its agent; default: tcp/127.0.0.1 with port 7460+id.")
-    ] = None
-    sitl: Annotated[bool, Parameter(negative="", group=_ADD, help="Fly a bundled stub vehicle.")] = False
+    sitl: Annotated[bool, Parameter(negative="", group=ADD, help="Fly a bundled stub vehicle.")] = False
     off_bus: Annotated[
         tuple[int, ...],
         Parameter(
             negative="",
             show_default=False,
-            group=_ADD,
+            group=ADD,
             help="Do not wait for the answer of this vehicle, which is down and off the bus; may be repeated.",
         ),
     ] = ()
@@ -72,7 +49,7 @@ class AddOptions:
         float | None,
         Parameter(
             validator=Number(gte=0, lte=3600),
-            group=_ADD,
+            group=ADD,
             help="Seconds to wait on the ground until it is ready; 0: refuse at once; default: 60.",
         ),
     ] = None
@@ -99,6 +76,7 @@ class RejoinOptions:
             help="Fly a vehicle that is not in the mission file with the others, in this process, until it is down.",
         ),
     ] = False
+    described: AddedVehicleOptions = NOT_DESCRIBED
     added: AddOptions = AddOptions()
 
 
@@ -122,8 +100,8 @@ def rejoin(options: RejoinOptions) -> int:
 
     if options.add:
         return _add(options)
-    if given := _given(options.added):
-        raise InputError([f"--{name.replace('_', '-')}: it needs --add" for name in given])
+    if given := [*given_options(options.described), *given_options(options.added)]:
+        raise InputError([f"{option}: it needs --add" for option in given])
     mission = running_mission(options.mission, options.changes)
     if options.vehicle not in mission.ids:
         chosen = f"VEHICLE: the mission has no vehicle {options.vehicle} (it has {', '.join(map(str, mission.ids))})"
@@ -131,49 +109,24 @@ def rejoin(options: RejoinOptions) -> int:
     return send(mission, "rejoin", GivenCommand(vehicle=options.vehicle), options.key)
 
 
-def _given(options: AddOptions) -> list[str]:
-    default = AddOptions()
-    return [each.name for each in fields(options) if getattr(options, each.name) != getattr(default, each.name)]
-
-
 def _add(options: RejoinOptions) -> int:
     from gcs.flight.supervisor import is_supervised, supervise
+    from gcs.mission.added_vehicle import recovery_command
 
     hold_back()
     if not is_supervised():
-        _enlarged(options)  # what is wrong with the options is reported by this process
-        return supervise()
+        mission = _enlarged(options)  # what is wrong with the options is reported by this process
+        return supervise(recovery=recovery_command(mission, options.mission, options.changes))
     return _fly(options)
 
 
 def _enlarged(options: RejoinOptions) -> "Mission":
     """Return the mission with the vehicle of the options; raises InputError, whose faults name options."""
-    from gcs.mission.file import enlarged_mission
-
     mission, added = bus_mission(options.mission, options.changes), options.added
     for each in added.off_bus:
         chosen_vehicle(mission, each, "--off-bus")
     faults = [f"{option}: {reason}" for option, reason, is_so in _slips(options, mission) if is_so]
-    table: dict[str, object] = {"id": options.vehicle, "altitude_m": mission.vehicles[-1].section.altitude_m}
-    table |= {key: given for key, name in _PLAIN.items() if (given := getattr(added, name)) is not None}
-    places = {"start_m": ("--start", added.start), "slot_m": ("--slot", added.slot)}
-    table |= {key: _place(option, given, faults) for key, (option, given) in places.items() if given is not None}
-    if faults:
-        raise InputError(faults)
-    try:
-        return enlarged_mission(mission, table)
-    except InputError as error:
-        raise InputError([_named(fault, len(mission.vehicles)) for fault in error.placed]) from error
-
-
-_PLAIN = {
-    "url": "url",
-    "profile": "profile",
-    "altitude_m": "altitude",
-    "system_id": "system_id",
-    "endpoint": "endpoint",
-}
-"""Keys of a vehicle that are given as they are, by the names of their options."""
+    return enlarged(mission, options.vehicle, options.described, faults, named="VEHICLE")
 
 
 def _slips(options: RejoinOptions, mission: "Mission") -> Iterator[tuple[str, str, bool]]:
@@ -181,47 +134,19 @@ def _slips(options: RejoinOptions, mission: "Mission") -> Iterator[tuple[str, st
     vehicle, added = options.vehicle, options.added
     yield "--add", f"vehicle {vehicle} is in the mission: rejoin it without --add", vehicle in mission.ids
     yield "--key", "not with --add, which uses the keys of the vehicle", options.key is not None
-    yield "--start", "with --add the vehicle needs its place on the ground, X,Y", added.start is None
-    yield "--url", "with --add the vehicle needs its connection, or --sitl", added.url is None and not added.sitl
+    yield "--url", "with --add the vehicle needs its connection, or --sitl", not (options.described.url or added.sitl)
     yield "--off-bus", "no vehicle is left that the new one could join", {*added.off_bus} == {*mission.ids}
-
-
-def _place(option: str, given: str, faults: list[str]) -> tuple[float, float]:
-    try:
-        x, y = map(float, given.split(","))
-    except ValueError:
-        faults.append(f"{option}: {given!r} is not a place X,Y in metres, such as 0,-8")
-        return 0.0, 0.0
-    return x, y
-
-
-_OPTIONS = {
-    "id": "VEHICLE",
-    "start_m": "--start",
-    "slot_m": "--slot",
-    "url": "--url",
-    "profile": "--profile",
-    "altitude_m": "--altitude",
-    "system_id": "--system-id",
-    "endpoint": "--endpoint",
-}
-
-
-def _named(fault: KeyFault, number: int) -> KeyFault:
-    """Return a fault of the enlarged mission with the option in place of the key of the added vehicle."""
-    vehicle, _, key = fault.place.partition(".")
-    if vehicle == f"vehicles[{number}]" and key in _OPTIONS:
-        return KeyFault(_OPTIONS[key], fault.reason)
-    return KeyFault("--add", f"with one more vehicle: {fault}")
 
 
 def _fly(options: RejoinOptions) -> Exit:
     from gcs.cli.output import present
+    from gcs.console.terminal import print_line
     from gcs.flight.recording import RecordingOptions
     from gcs.flight.request import FlightRequest
     from gcs.flight.run import run_flight
 
     mission, added = _enlarged(options), options.added
+    print_line(f"vehicle {options.vehicle} is looked for, and checked as before a flight")
     request = FlightRequest(
         mission=mission,
         stubs=(options.vehicle,) if added.sitl else (),

@@ -11,7 +11,7 @@ from agents.flight_end import FlightEnd
 from agents.ports import VehicleRefusedError
 from agents.shell.outcome import Outcome
 from agents.tactics import Tactic
-from agents.team.messages import AddedAnswer, AddedVehicle, MemberState, OperatorCommand
+from agents.team.messages import AddedAnswer, MemberState, OperatorCommand
 from agents.team.participant import name_from
 from gcs.flight.member_flights import MemberFlights, flown
 from gcs.flight.team import FlightTeam, Member
@@ -19,6 +19,7 @@ from gcs.flight.watch import FindingsReport
 from gcs.keys.identity import user_name
 from gcs.link.ports import Claims
 from gcs.metrics.ending import named
+from gcs.mission.added_vehicle import announcement
 
 ANSWERED_WITHIN_S = 15.0
 """How long answers to its introduction are waited for [wall s]."""
@@ -55,14 +56,20 @@ class AddedFlight:
     async def fly(self) -> Sequence[Outcome]:
         """Fly; returns its outcome. Raises VehicleRefusedError if it must not take off."""
         [member] = self._team.members
-        agent, section = member.agent, member.vehicle.section
+        agent = member.agent
         agent.stand_by(_DURATION_MAX_S)
-        answers = agent.introduce(AddedVehicle(section.start_m, section.altitude_m, section.slot_m or ()))
+        others = named(sorted({*self._team.plan.mission.ids} - {member.vehicle.id, *self._team.plan.off_bus}))
+        self._team.view.print_line(f"vehicle {member.vehicle.id} announces itself: waiting for answers of {others}")
+        answers = agent.introduce(announcement(member.vehicle))
         duration_s = await self._answered(member, answers)
+        self._team.view.print_line(
+            f"{others} know vehicle {member.vehicle.id}: it is checked once more, then takes off"
+        )
         team = replace(self._team, plan=replace(self._team.plan, duration_s=duration_s))
         with Claims() as claims:
             claims.show_added(team.plan.mission)
             await team.clock.sleep(_LOOKED_FOR_S)
+            _require_welcome(member, answers)  # the first may have been to its earlier flight
             self._order(member)
             if refusal := await MemberFlights(team, self._report).refusal(member):
                 agent.stay(refusal)
@@ -81,9 +88,7 @@ class AddedFlight:
         plan, end_s = self._team.plan, monotonic() + ANSWERED_WITHIN_S
         asked = {*plan.mission.ids} - {member.vehicle.id, *plan.off_bus}
         while not self._team.stop.wanted.is_set():
-            for sender, answer in sorted(answers.items()):
-                if answer.refusal:
-                    raise _refused(member, f"vehicle {sender}: {answer.refusal}")
+            _require_welcome(member, answers)
             if asked <= answers.keys():
                 return min(answer.duration_s for answer in answers.values())
             if (refusal := member.agent.start_refusal) is not None:
@@ -128,6 +133,12 @@ class AddedFlight:
         if not agent.rejoining.is_set():
             answer = agent.answer(command.key)
             raise _refused(member, "" if answer is None else answer.did)
+
+
+def _require_welcome(member: Member, answers: Mapping[int, AddedAnswer]) -> None:
+    for sender, answer in sorted(answers.items()):
+        if answer.refusal:
+            raise _refused(member, f"vehicle {sender}: {answer.refusal}")
 
 
 def _refused(member: Member, reason: str, next_step: str = _CORRECT) -> VehicleRefusedError:

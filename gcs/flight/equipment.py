@@ -10,6 +10,7 @@ from agents.team import participant
 from gcs.keys.team_keys import TeamKeys
 from gcs.mission.mission import Mission, MissionVehicle
 from gcs.mission.simulation import target_sensor
+from sitl.world import SimulatedSensors
 
 RATE_SHARE = 10.0
 """How many messages per tick a peer may send on a topic: late ticks come in a burst, and a simulator's speed may be
@@ -45,3 +46,11 @@ class Equipment:
     def sensor(self, mission: Mission, vehicle_id: int, start_s: float) -> TargetSensor:
         """Return a vehicle's sensor; the mission starts at `start_s`."""
         return target_sensor(mission, vehicle_id, start_s, mission.mission.seed)
+
+
+class WithoutSensors(Equipment):
+    """Equipment that sees no target: of vehicles that are brought home while the target moves on for others."""
+
+    def sensor(self, mission: Mission, vehicle_id: int, start_s: float) -> TargetSensor:  # noqa: ARG002 - sees nothing
+        """Return a sensor that sees nothing: a simulated target's motion has begun with the flight of the others."""
+        return SimulatedSensors(())

@@ -209,7 +209,8 @@ async def fly(
         plan = replace(plan, equipment=injector.equipment())
     with ExitStack() as stack:
         clock = _mission_clock(plan, stack)
-        keys = stack.enter_context(flight_keys(plan.mission))
+        joins = plan.mission.added is not None and plan.recovery is None
+        keys = stack.enter_context(flight_keys(plan.mission, joins=joins))
         plan = replace(plan, holders=keys.holders())
         recording = stack.enter_context(Recording(plan.log, clock))
         team = FlightTeam(plan, clock, recording, view, Journal(plan.mission), keys, signing_keys(plan.mission))
@@ -262,7 +263,7 @@ async def _fly(
         if plan.recovery is None:
             claims = stack.enter_context(flight_claims(plan.mission, plan.stubs))
         else:
-            claims = stack.enter_context(recovery_claims(plan.mission))
+            claims = stack.enter_context(recovery_claims(plan.mission, beside=plan.recovery.beside))
         supervisor.relay(
             lambda: loop.call_soon_threadsafe(team.stop.request, _ORPHANED if supervisor.is_lost else BY_OPERATOR)
         )
@@ -286,6 +287,8 @@ async def _fly(
         plan = replace(plan, vehicles=tuple(member.vehicle for member in team.members))
         # Vehicles send to these ports now: no stub server may start on them later. Stubs hold their ports themselves.
         claims.take_fed(fed_ports(plan.vehicles))
+        if recovery is not None and plan.mission.added is not None:
+            claims.show_added(plan.mission)  # `cordon command` finds it
         team.recording.note_run(plan.run(clock.time_scale))
         gc.freeze()  # links and agents live as long as the flight: no collection examines them
         hint = await command_by_keyboard(team, stack)

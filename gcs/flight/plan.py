@@ -31,13 +31,14 @@ class TeamRecovery:
     """How vehicles that are in the air are brought home, or with `flies_on` flown on with the mission.
 
     Those `from_pilot` are taken also if a pilot may fly them. Unless it is `confirmed` already, the operator is asked
-    on the terminal; until then vehicles are sent nothing but requests for reports. What is found and what becomes of it
-    is in `record`.
+    on the terminal; until then vehicles are sent nothing but requests for reports. `beside` others of the team that
+    other programs may still fly. What is found and what becomes of it is in `record`.
     """
 
     from_pilot: tuple[int, ...] = ()
     confirmed: bool = False
     flies_on: bool = False
+    beside: bool = False
     record: RecoveryRecord = field(default_factory=RecoveryRecord)
 
 

@@ -2,7 +2,7 @@
 
 import asyncio
 import sys
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import replace
 
 from agents.ports import VehicleRefusedError
@@ -16,6 +16,7 @@ from gcs.flight.watch import FindingsReport
 from gcs.keys.team_keys import TeamKeys
 from gcs.link.ports import STILL_FLIES
 from gcs.metrics.ending import named
+from gcs.mission.added_vehicle import announcement
 from gcs.mission.cross_checks import LAYER_LEAST_M
 from gcs.mission.mission import Mission
 from gcs.preflight.findings import Grade, VehicleFacts
@@ -30,6 +31,8 @@ _LAYER_SHARE = 1.25
 LEFT_TO_PILOT = "its pilot kept it, as it was when it was found"
 _REPORTS_S = 3.0
 """A vehicle reports everything within this time [wall s]."""
+_MEETS_S = 2.0
+"""How long clocks are compared with others in flight, and their answers awaited [wall s]: they send five a second."""
 _LISTENS_S = 2.5
 """How long a flight that still runs is listened for on the bus [wall s]: its vehicles send states and reports."""
 
@@ -62,8 +65,9 @@ async def prepare_recovery(team: FlightTeam, recovery: TeamRecovery, report: Fin
     Raises VehicleRefusedError if a flight of the team still runs, a vehicle must not be taken, none is in the air, or
     the operator does not agree.
     """
-    mission = team.plan.mission
-    await _require_no_flight(mission, team.keys)
+    mission, asked = team.plan.mission, [each.id for each in team.plan.vehicles]
+    if recovery.beside or mission.network.security is not None:  # the bus of a run's keys does not leave this computer
+        await _require_not_flown(mission, team.keys, asked if recovery.beside else mission.ids)
     refused = await team.connect_some()
     if team.plan.speed is None and not team.plan.is_governed:
         await team.measure_speed()
@@ -90,6 +94,24 @@ async def prepare_recovery(team: FlightTeam, recovery: TeamRecovery, report: Fin
         for i, (x, y, _) in lying_m.items():
             agent.note_lying(i, (x, y))
         agent.announce()
+    await _meet_others(team, beside=recovery.beside)
+
+
+async def _meet_others(team: FlightTeam, *, beside: bool) -> None:
+    """Introduce a vehicle that the mission adds, and compare clocks and missions with others that fly `beside`.
+
+    Raises VehicleRefusedError if these differ: it would not receive where the others are.
+    """
+    added = next((each for each in team.members if each.vehicle.id == team.plan.mission.added), None)
+    answers = {} if added is None else added.agent.introduce(announcement(added.vehicle))
+    if not beside:
+        return
+    await team.clock.sleep(_MEETS_S * team.clock.time_scale)
+    if refusal := next(filter(None, (agent.start_refusal for agent in team.agents)), None):
+        raise VehicleRefusedError(f"nothing was sent to the vehicles: {refusal.reason}", refusal.next_step)
+    if added is not None and (silent := sorted(added.agent.clock_lags_s.keys() - answers.keys())):
+        text = f"{named(silent)}: no answer to vehicle {added.vehicle.id}: what does not know it does not keep apart"
+        team.view.print_line(text, "warning")
 
 
 def _require_takeable(judged: Sequence[Standing]) -> None:
@@ -141,17 +163,15 @@ def _as_they_are_now(
     return {i: changed.get(i, each) for i, each in agreed.items() if i in links}
 
 
-async def _require_no_flight(mission: Mission, keys: TeamKeys) -> None:
-    """Refuse vehicles that a flight on another computer still flies; one on this computer holds claims.
+async def _require_not_flown(mission: Mission, keys: TeamKeys, vehicle_ids: Collection[int]) -> None:
+    """Refuse vehicles that another program still flies; a whole flight on this computer holds claims as well.
 
     Raises VehicleRefusedError, InputError if this computer has no keys that may receive.
     """
-    if mission.network.security is None:  # the keys of a run: its bus does not leave this computer
-        return
     flying: set[int] = set()
 
     def take(message: BusMessage) -> None:
-        if isinstance(message, VehicleReport) and not message.ended:
+        if isinstance(message, VehicleReport) and not message.ended and message.sender in vehicle_ids:
             flying.add(message.sender)
 
     bus = guest_bus(mission, observer(keys))
@@ -162,7 +182,7 @@ async def _require_no_flight(mission: Mission, keys: TeamKeys) -> None:
         await bus.close()
     if flying:
         raise VehicleRefusedError(
-            f"a flight of team {mission.network.team} still runs: {named(sorted(flying))} reported on its bus",
+            f"a flight of team {mission.network.team} still runs: it flies {named(sorted(flying))}, as its bus shows",
             STILL_FLIES,
         )
 

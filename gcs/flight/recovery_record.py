@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass, replace
-from itertools import combinations
+from itertools import chain, combinations, product
 from math import dist, inf
 from typing import TYPE_CHECKING
 
@@ -53,7 +53,7 @@ class RecoveryResult:
     """A recovery: `ended` is None if no vehicle was taken, and so are the figures.
 
     `duration_s` lasts from the first taken until the end, `distance_min_m` is the least distance of two vehicles in the
-    air meanwhile, by the positions that they reported.
+    air meanwhile, one of them brought home, by the positions that they reported.
     """
 
     mission: str
@@ -119,7 +119,8 @@ class RecoveryRecord:
                     aloft_m.append([at_m + rate_m_s * since_s for at_m, rate_m_s in moved_m])
             else:
                 self._landed_s.setdefault(vehicle_id, now_s - self._began_s)
-        self._least_m = min([self._least_m, *(dist(one, other) for one, other in combinations(aloft_m, 2))])
+        pairs = chain(combinations(aloft_m, 2), product(aloft_m, _others_m(team, now_s)))
+        self._least_m = min([self._least_m, *(dist(one, other) for one, other in pairs)])
 
     def result(self, mission: "Mission") -> RecoveryResult:
         """Return the result, also of a recovery that was refused."""
@@ -150,3 +151,13 @@ class RecoveryRecord:
         return replace(
             found, how=ending.how.value, reason=ending.reason, landed_at_s=landed_s, landed_from_start_m=landed_m
         )
+
+
+def _others_m(team: "FlightTeam", now_s: float) -> Iterator[list[float]]:
+    """Yield where vehicles are now that other processes fly, by their newest states."""
+    here = {member.vehicle.id for member in team.members}
+    states = {peer.sender: peer for status in team.newest.values() for peer in status.peers}
+    for each in (states[i] for i in states.keys() - here):
+        since_s = now_s - each.time_s
+        moved_m = zip(each.position_m, each.velocity_m_s, strict=True)
+        yield [*(at_m + rate_m_s * since_s for at_m, rate_m_s in moved_m), each.altitude_m]

@@ -2,6 +2,7 @@
 
 import asyncio
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from functools import partial
 from itertools import chain, repeat
@@ -14,7 +15,7 @@ from gcs.console.advice import late_ticks
 from gcs.console.buffered_output import unblocked
 from gcs.console.live import LiveView
 from gcs.console.terminal import STDERR, print_line, print_problem
-from gcs.errors import Exit
+from gcs.errors import Exit, InputError
 from gcs.flight.flight import FlightOutcome, fly
 from gcs.flight.heartbeat import SupervisorHeartbeat
 from gcs.flight.live.operating import ProgramLink
@@ -23,8 +24,10 @@ from gcs.flight.plan import FlightPlan
 from gcs.flight.recording import RecordingOptions, flight_log, report_log
 from gcs.flight.team import ending_of
 from gcs.garbage import collect_rarely
-from gcs.metrics.ending import HEADLINES
+from gcs.link.ports import added_text
+from gcs.metrics.ending import HEADLINES, watch_them
 from gcs.metrics.record import FlightRecord
+from gcs.mission.added_vehicle import recovery_command
 from gcs.mission.mission import Mission
 from gcs.preflight.findings import Finding, Grade
 from gcs.preflight.preflight import RECOVERY_HEADLINES, findings_view
@@ -49,6 +52,8 @@ def run_flight(plan: FlightPlan, recording: RecordingOptions, judge: Judge) -> E
     if flight.record is not None:
         verdict = judge(flight.mission, flight.record)
         _warn_of_lateness(flight, flight.record, slower=plan.is_governed and flight.speed > 1.0)
+    if flight.mission.added is not None and plan.mission.added is None:
+        report_abandoned(plan.mission)
     report_log(log)
     return exit_code(plan.mission, flight.outcomes, verdict)
 
@@ -93,6 +98,15 @@ def _reporting(mission: Mission) -> Callable[[Sequence[Finding]], None]:
             _report_findings(mission, findings)
 
     return report
+
+
+def report_abandoned(mission: Mission) -> None:
+    """Name the command that reaches a vehicle whose process was killed, which had joined the flight from here."""
+    with suppress(InputError, VehicleRefusedError):  # without a folder of claims none has joined from here
+        if (text := added_text(mission, abandoned=True)) is not None:
+            joined = mission.parse(text, mission.folder, mission.profile_texts)
+            killed = f"vehicle {joined.added} had joined this flight, and the process that flew it was killed"
+            print_problem(killed, watch_them(recovery_command(joined, "MISSION")))
 
 
 def exit_code(mission: Mission, outcomes: dict[int, Outcome], verdict: Exit) -> Exit:

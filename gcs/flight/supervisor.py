@@ -22,7 +22,7 @@ from typing import Protocol
 from agents.flight_end import FlightEnd
 from gcs.errors import Exit
 from gcs.flight.supervision_protocol import ALIVE, HEARTBEAT_VARIABLE, JOINED, POLL_PERIOD_S, STOP, LoopMonitor
-from gcs.metrics.ending import SEARCH, UNACCOUNTED, LostFlight, TeamEnding, named
+from gcs.metrics.ending import RECOVERY, SEARCH, UNACCOUNTED, LostFlight, TeamEnding, named, watch_them
 from gcs.metrics.json_output import json_output
 from gcs.preflight.priority import raise_supervisor
 from gcs.signals import relay
@@ -75,11 +75,12 @@ def is_supervised() -> bool:
     return HEARTBEAT_VARIABLE in os.environ
 
 
-def supervise(*, json: bool = False, page: FlightPage = _NOTHING) -> int:
+def supervise(*, json: bool = False, page: FlightPage = _NOTHING, recovery: str = RECOVERY) -> int:
     """Run this process's command line once more as the flying process; return the exit code of the whole.
 
     Signals must be blocked already. Problems are written to standard error; with `json`, the ending of a flight
-    whose process was killed is written to standard output.
+    whose process was killed is written to standard output. `recovery` is the command that brings its vehicles home
+    then.
     """
     for number in (signal.SIGTSTP, signal.SIGTTIN, signal.SIGTTOU):
         signal.signal(number, signal.SIG_IGN)  # a terminal must not stop a flight: Ctrl-Z does not make it hold
@@ -103,7 +104,7 @@ def supervise(*, json: bool = False, page: FlightPage = _NOTHING) -> int:
         silences_s = _watch(flying, ours, monitor, end_request)
         code = flying.wait()
         monitor.receive(_received(ours))
-    lines, lost = _report(flying.pid, code, silences_s, monitor, end_request)
+    lines, lost = _report(flying.pid, code, silences_s, monitor, end_request, recovery)
     if not lines:
         if monitor.unaccounted:
             page.lose(_over(monitor.unaccounted))
@@ -196,8 +197,8 @@ class _PollPace:
     def wait(self) -> None:
         if self._seat is None:
             time.sleep(POLL_PERIOD_S)
-        else:
-            self._seat.wait_until(self._seat.now_us + round(POLL_PERIOD_S * US_PER_S))
+        elif not self._seat.wait_until(self._seat.now_us + round(POLL_PERIOD_S * US_PER_S)):
+            self.leave_clock()  # nothing moves it any more: by the wall's from now on
 
     def leave_clock(self) -> None:
         if self._seat is not None:
@@ -225,7 +226,12 @@ def _write(descriptor: int, line: str) -> None:
 
 
 def _report(
-    process_id: int, code: int, silences_s: dict[int, float], monitor: LoopMonitor, end_request: _EndRequest
+    process_id: int,
+    code: int,
+    silences_s: dict[int, float],
+    monitor: LoopMonitor,
+    end_request: _EndRequest,
+    recovery: str = RECOVERY,
 ) -> tuple[list[str], LostFlight | None]:
     """Return lines about a flight whose process did not end normally, otherwise none; and the flight if it is lost."""
     ended = f"by signal {-code}" if code < 0 else f"with exit code {code}"
@@ -239,11 +245,13 @@ def _report(
     else:
         return [f"the flying process {process_id} ended {ended} while no vehicle flew"] if code < 0 else [], None
     reason += overload(os.getloadavg()[0], os.cpu_count() or 1)
-    lost = LostFlight(reason, tuple(sorted({*monitor.flying, *monitor.unaccounted})), time.time())
+    vehicles = tuple(sorted({*monitor.flying, *monitor.unaccounted}))
+    lost = LostFlight(reason, vehicles, time.time(), next_step=watch_them(recovery))
     ending = _ending(lost, monitor)
     places = [each.line for each in ending.unaccounted]
-    flying = f"{named(lost.vehicles)}, {UNACCOUNTED}: " if lost.vehicles else ""
-    return [*places, ending.headline, reason, f"{flying}{lost.autopilots}", f"next: {lost.next_step}"], lost
+    flying = f"{named(vehicles)}, {UNACCOUNTED}: " if vehicles else ""
+    headline = ending.headline if silences_s else f"Ended {ended}: {named(vehicles)}"
+    return [*places, headline, reason, f"{flying}{lost.autopilots}", f"next: {lost.next_step}"], lost
 
 
 def _over(unaccounted: tuple[int, ...]) -> LostFlight:

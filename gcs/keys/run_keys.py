@@ -20,6 +20,7 @@ from gcs.keys.identity import FlyingIdentity, Identity, user_name
 from gcs.keys.key_folder import KeyFolder
 from gcs.keys.private_files import locked, locked_runtime_folder, make_folder
 from gcs.keys.roster import Holder, Roster, digest
+from sitl.server.file_lock import is_locked
 
 _VALID_DAYS = 7.0
 """Longer than any flight: the keys are removed when its last process ends."""
@@ -126,14 +127,4 @@ class RunKeys:
 
 def _in_use(folder: Path) -> bool:
     """Return whether a process holds the keys in a folder."""
-    try:
-        descriptor = os.open(folder, os.O_RDONLY)
-    except FileNotFoundError:
-        return False
-    try:
-        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except BlockingIOError:
-        return True
-    finally:
-        os.close(descriptor)
-    return False
+    return folder.exists() and is_locked(folder)

@@ -77,11 +77,14 @@ def team_keys(mission: Mission) -> TeamKeys:
 
 
 @contextmanager
-def flight_keys(mission: Mission) -> Iterator[TeamKeys]:
-    """Return the keys for a flight; keys of a run exist as long as this context. Raises InputError."""
+def flight_keys(mission: Mission, *, joins: bool = False) -> Iterator[TeamKeys]:
+    """Return the keys for a flight; keys of a run exist as long as this context.
+
+    Raises InputError, and VehicleRefusedError if it `joins` one that does not run.
+    """
     keys = team_keys(mission)
     if isinstance(keys, RunKeys):
-        with keys.held(joins=mission.added is not None):
+        with keys.held(joins=joins):
             yield keys
     else:
         yield keys

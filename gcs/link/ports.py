@@ -29,6 +29,7 @@ from agents.team.text import printable
 from gcs.errors import InputError
 from gcs.keys.private_files import FILE_MODE, locked_runtime_folder, make_folder
 from gcs.mission.mission import Mission, MissionVehicle
+from sitl.server.file_lock import is_locked
 
 _COMMAND_LENGTH = 160
 _LOOPBACK = "127.0.0.1"
@@ -108,7 +109,10 @@ def _sockets(kind: str) -> list[Any]:
 
 _LISTENING = ("udpin", "tcpin")
 _ADDED_PORTS = "the vehicle other ports by --url and --endpoint"
-STILL_FLIES = "command its vehicles by `cordon command`, such as `cordon command rtl`, or end that flight"
+STILL_FLIES = (
+    "command its vehicles by `cordon command`, such as `cordon command rtl`, or end that flight; --only ID brings home "
+    "one that it does not fly"
+)
 
 
 class Claims(ExitStack):
@@ -171,25 +175,16 @@ def _added_name(mission: Mission) -> str:
     return f"added.{mission.network.team}.{'' if mission.identity is None else mission.identity.digest}"
 
 
-def added_text(mission: Mission) -> str | None:
+def added_text(mission: Mission, *, abandoned: bool = False) -> str | None:
     """Return the text of a mission with the vehicle that has joined its flight from this computer, None if none has.
+
+    With `abandoned` it is that of a vehicle whose process was killed, None if none was.
 
     Raises InputError without a runtime directory, VehicleRefusedError if nothing can be written there.
     """
     with _claims_folder() as folder:
         path = folder / _added_name(mission)
-        return path.read_text() if path.exists() and _is_held(path) else None
-
-
-def _is_held(path: Path) -> bool:
-    claim = os.open(path, os.O_RDWR)
-    try:
-        fcntl.flock(claim, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except BlockingIOError:
-        return True
-    finally:
-        os.close(claim)
-    return False
+        return path.read_text() if path.exists() and is_locked(path) is not abandoned else None
 
 
 def _opened(path: Path) -> int:
@@ -203,7 +198,8 @@ def _holder(path: Path) -> int | None:
         fcntl.flock(claim, fcntl.LOCK_EX | fcntl.LOCK_NB)
         path.unlink()
     except BlockingIOError:
-        return int(os.read(claim, 32) or b"0")
+        holder = os.read(claim, 32)
+        return int(holder) if holder.isdigit() else 0
     finally:
         os.close(claim)
     return None
@@ -255,13 +251,13 @@ def flight_claims(mission: Mission, stubs: Collection[int]) -> Iterator[Claims]:
 
 
 @contextmanager
-def recovery_claims(mission: Mission) -> Iterator[Claims]:
-    """Claim a team whose vehicles are in the air while no flight of it runs on this computer, while that lasts.
+def recovery_claims(mission: Mission, *, beside: bool) -> Iterator[Claims]:
+    """Claim a team whose vehicles are in the air, while that lasts.
 
-    Raises as `flight_claims`, also when another flight of the team runs.
+    Raises as `flight_claims`, also when another flight of the team runs on this computer, unless `beside` is true.
     """
     with Claims() as claims:
-        _require_none(claims.take_team(mission, alone=True), STILL_FLIES)
+        _require_none(claims.take_team(mission, alone=not beside), STILL_FLIES)
         yield claims
 
 

@@ -173,7 +173,15 @@ class TeamEnding:
 AUTOPILOTS_ALONE = f"only their autopilots control them now: {advice('alone', between='; ', after=' ')}"
 SEARCH = "search at its last position, then confirm that it was recovered"
 """The advice on the page, where it is confirmed."""
-WATCH_THEM = "watch them; bring home those in the air by `cordon recover`, remote control or a ground station"
+RECOVERY = "cordon recover"
+
+
+def watch_them(recovery: str = RECOVERY) -> str:
+    """Return what to do about vehicles that only their autopilots control; `recovery` is the command for them."""
+    return f"watch them; bring home those in the air by `{recovery}`, remote control or a ground station"
+
+
+WATCH_THEM = watch_them()
 
 
 @dataclass(frozen=True, slots=True)

@@ -61,7 +61,10 @@ def at_rest(facts: VehicleFacts) -> Iterator[Finding]:
     if status.armed or status.in_air:
         state = "in the air" if status.in_air else "armed"
         why = "cordon starts on the ground, and another pilot or station seems to fly this vehicle"
-        yield Finding(Grade.REFUSE, facts.vehicle_id, "armed", f"it is {state} already", why, "land and disarm it")
+        step = "land and disarm it" + (
+            "; `cordon recover` brings home one that no program flies" if status.in_air else ""
+        )
+        yield Finding(Grade.REFUSE, facts.vehicle_id, "armed", f"it is {state} already", why, step)
     else:
         yield Finding(Grade.PASS, facts.vehicle_id, "armed", "it is disarmed, on the ground")
     if not facts.mode_received:

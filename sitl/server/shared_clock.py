@@ -27,6 +27,7 @@ from pathlib import Path
 from typing import Self
 
 from sitl.server.clock_memory import IDLE, NEVER_US, SEAT_BITS, SEATS, VERSION, ClockMemory
+from sitl.server.file_lock import is_locked
 from sitl.server.wall_limit import WallLimit
 
 HUNG_S, HUNG_LONGEST_S = 2.0, 20.0
@@ -40,6 +41,8 @@ FOLDER_VARIABLE = "CORDON_CLOCKS"
 """The environment variable that names the folder of the clocks; by default that of shared memory, if there is one."""
 
 _PREFIX = "cordon-clock"
+_OWNER = "owner"
+"""The file that the program that made the clock holds locked as long as it runs."""
 
 
 class Rank(IntEnum):
@@ -102,7 +105,7 @@ def _write_folder(name: ClockName, speed: float, ports: Collection[int]) -> int:
     """Write the folder of a clock; return the descriptor that shows that it is owned, while it is open."""
     # Under another name at first: without an owner it would look abandoned.
     folder = Path(tempfile.mkdtemp(prefix=".cordon-clock-", dir=clocks_folder()))
-    owned = os.open(folder / "owner", os.O_CREAT | os.O_RDWR, 0o600)
+    owned = os.open(folder / _OWNER, os.O_CREAT | os.O_RDWR, 0o600)
     try:
         fcntl.flock(owned, fcntl.LOCK_EX)
         _write_memory(folder / "memory", speed)
@@ -120,7 +123,7 @@ def clock_of(ports: Collection[int]) -> ClockName | None:
     for folder in _own_folders():
         with suppress(OSError, ValueError):
             served = {int(port) for port in (folder / "ports").read_text().split()}
-            if served.issuperset(ports) and _is_owned(folder):
+            if served.issuperset(ports) and is_locked(folder / _OWNER):
                 return ClockName(int(folder.name.rpartition("-")[2], 16))
     return None
 
@@ -149,18 +152,6 @@ def _is_own(folder: Path) -> bool:
     return False
 
 
-def _is_owned(folder: Path) -> bool:
-    """Return whether the program that made a clock still runs. Raises OSError if it never completed the clock."""
-    owner = os.open(folder / "owner", os.O_RDWR)
-    try:
-        fcntl.flock(owner, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except BlockingIOError:
-        return True
-    finally:
-        os.close(owner)
-    return False
-
-
 def _write_memory(path: Path, speed: float) -> None:
     descriptor = os.open(path, os.O_CREAT | os.O_EXCL | os.O_RDWR, 0o600)
     try:
@@ -180,7 +171,7 @@ def _write_memory(path: Path, speed: float) -> None:
 def _remove_abandoned() -> None:
     for folder in _own_folders():
         with suppress(OSError):
-            if not _is_owned(folder):
+            if not is_locked(folder / _OWNER):
                 shutil.rmtree(folder, ignore_errors=True)
 
 
@@ -275,12 +266,20 @@ class Seat:
         self.memory.now_us[0] = max(self._stated_us, self.now_us)
         return 0.0
 
-    def wait_until(self, event_us: int) -> None:
-        """Block until a time has come, which then stands still until the next call or `leave`."""
+    def wait_until(self, event_us: int) -> bool:
+        """Block until a time has come, which then stands still until the next call or `leave`; return True.
+
+        Return False if it has not come within `HUNG_S` of wall time and the program that made the clock has ended: the
+        time may never come then.
+        """
         self.state(event_us)
+        abandoned_s = time.monotonic() + HUNG_S
         while (wait_s := self.turn()) > 0.0:
             if select.select([self._woken], [], [], wait_s)[0]:
                 os.read(self._woken, 4096)
+            if time.monotonic() > abandoned_s and not self._is_owned:
+                return False
+        return True
 
     def leave(self) -> None:
         """Leave the clock, which goes on without this participant."""
@@ -294,6 +293,13 @@ class Seat:
         for descriptor in (self._woken, *self._others.values()):
             os.close(descriptor)
         self.memory.close()
+
+    @property
+    def _is_owned(self) -> bool:
+        """Whether the program that made the clock still runs."""
+        with suppress(OSError):  # another program has removed the clock that it left
+            return is_locked(self._folder / _OWNER)
+        return False
 
     def _take(self, rank: Rank) -> tuple[int, int]:
         """Return the descriptor of this participant's pipe, and its seat."""

@@ -8,7 +8,7 @@ import pytest
 from msgspec import structs
 
 from agents.core import VehicleCore
-from agents.inputs import AutopilotStatus, Command, Message, Rejoined, Start, VehicleJoins
+from agents.inputs import AutopilotStatus, Command, Message, Presence, Rejoined, Start, VehicleJoins
 from agents.notes import Note
 from agents.ports import VehicleStatus
 from agents.refusals import added_refusal
@@ -17,6 +17,7 @@ from agents.settings.sections import ChoreographySettings, ExcitationSettings
 from agents.shell.agent import Agent
 from agents.team.codec import decode
 from agents.team.messages import (
+    DID_LIMIT,
     AddedAnswer,
     AddedVehicle,
     MemberState,
@@ -169,6 +170,33 @@ def test_a_core_on_the_ground_refuses_a_start_beside_it(config: AgentConfig) -> 
     assert (core.added, core.added_refusal) == ((4, FOURTH), "")
 
 
+def test_one_whose_last_state_is_in_the_air_does_not_join_anew_until_it_has_landed(config: AgentConfig) -> None:
+    elsewhere = AddedVehicle((0.0, -12.0), 8.0)
+    for tactic, altitude_m, refused in (
+        ("encircle", 8.0, True),
+        ("land", 6.0, True),
+        ("land", 0.2, False),
+        ("standby", 0.0, False),
+    ):
+        for is_silent in (False, True):
+            core = VehicleCore(config)
+            flying(core, 1.0)
+            core.take(VehicleJoins(4, FOURTH))
+            assert core.aloft_refusal(4) == "", "it has not flown yet"
+            message = state(4, 1.1).message
+            assert isinstance(message, MemberState)
+            core.take(Message(1.1, structs.replace(message, tactic=tactic, altitude_m=altitude_m)))
+            if is_silent:
+                core.take(Presence(4, present=False))
+                flying(core, 300.0)
+            said = core.aloft_refusal(4)
+            assert ("in the air last, " in said) is refused, (tactic, altitude_m, is_silent)
+            assert len(said) <= DID_LIMIT
+            core.take(VehicleJoins(4, elsewhere))
+            assert core.added_refusal == said, "also from another place"
+            assert core.added == (4, FOURTH if refused else elsewhere)
+
+
 def test_a_ring_too_small_for_four_is_refused_once_the_fourth_has_joined(config: AgentConfig) -> None:
     command = OperatorCommand(1.0, "ring", None, "anna", 1, ring=RingValues(radius_m=2.0))
     config = replace(config, encirclement=config.encirclement.model_copy(update={"radius_min_m": 0.5}))
@@ -219,6 +247,11 @@ def test_an_agent_takes_one_that_has_its_own_mission_and_admits_it_to_the_bus() 
         assert flight.bus.admitted == []
         assert await answered(flight, ours) == ""
         assert await answered(flight, ours) == ""
+        aloft = state(4, flight.clock.now_s()).message
+        assert isinstance(aloft, MemberState)
+        flight.bus.deliver(structs.replace(aloft, altitude_m=8.0))
+        assert await answered(flight, structs.replace(ours, ready=True, start_s=0.0)) == "", "it flies"
+        assert "in the air last, 8.0 m high" in str(await answered(flight, ours)), "it is about to take off"
         both = await all_answered(flight, structs.replace(ours, sender=5), ours)
         assert (both[4], "vehicle 4 has been added already" in both[5]) == ("", True)
         assert flight.bus.admitted == [4]

@@ -5,7 +5,7 @@ import json
 import os
 import signal
 from asyncio.subprocess import Process
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Mapping
 from contextlib import asynccontextmanager
 from typing import Any
 
@@ -39,6 +39,18 @@ def kill_whole(supervisor: int) -> None:
     assert len(flying) == 1
     for process_id in (supervisor, flying[0].pid):
         os.kill(process_id, signal.SIGKILL)
+
+
+async def take_off(team: Team, heights_m: Mapping[int, float]) -> None:
+    """Let vehicles hover above the places where they stand, as another ground station left them."""
+    await until(lambda: all(each.armable for each in team.vehicles.values()), 10.0, "positions", clock=team.clock)
+    for i, height_m in heights_m.items():
+        team.vehicles[i].arm()
+        team.vehicles[i].take_off(height_m)
+    with hurried(team.clock):
+        await until(
+            lambda: all(team.vehicles[i].mode is NavMode.HOLD for i in heights_m), 60.0, "hovering", clock=team.clock
+        )
 
 
 async def recovered(

@@ -5,6 +5,9 @@ The vehicles are stubs of this process, on a governed clock, with plants that di
 
 import asyncio
 import json
+import os
+import re
+import shlex
 import signal
 from asyncio.subprocess import Process
 from collections.abc import AsyncIterator, Callable
@@ -18,6 +21,8 @@ import pytest
 from gcs.flightlog.reader import read_log
 from gcs.flightlog.records import VehicleEnd
 from gcs.report.evidence.reading import read_flight
+from sitl.autopilot.modes import NavMode
+from tests.support.recoveries import HOME_M, kill_whole, recovered, take_off
 from tests.support.served_team import UNLIKE, Team, team_of
 from tests.support.swaps import NEAR_TARGET, SETTLING_S, RingTruth, Tracks
 from tests.support.wire import PATIENCE_S, at_speed, hurried, running, until
@@ -39,8 +44,6 @@ _LAST = "start_m = [0.0, -4.0]\n"
 WITH_FOURTH = (_LAST, f"{_LAST}{FOURTH}")
 LASTS_S = 260.0
 """The time of the mission passes while programs start: half of it is left for them on a busy computer."""
-AT_HOME_M = 1.5
-"""A vehicle lands once it is within 1 m of its start and slower than 0.5 m/s (`ARRIVED_M`)."""
 LASTING = ("duration_s = 600.0", f"duration_s = {LASTS_S}")
 
 
@@ -61,8 +64,13 @@ def addition(team: Team) -> tuple[str, ...]:
 async def commanded(team: Team, mission: str, *command: str) -> tuple[int | None, str]:
     """Return exit code and words of a command while the time of the team is the wall's."""
     with at_speed(team.clock, 1.0):
-        async with running(*command, "--mission", mission) as process:
-            _, err = await process.communicate()
+        return await told(*command, "--mission", mission)
+
+
+async def told(*command: str) -> tuple[int | None, str]:
+    """Return exit code and words of a command."""
+    async with running(*command) as process:
+        _, err = await process.communicate()
     assert "Traceback" not in err.decode(), err.decode()
     return process.returncode, " ".join(err.decode().split())
 
@@ -120,7 +128,7 @@ async def test_a_vehicle_that_is_not_in_the_file_joins_the_ring(
     assert team.least_level_m >= team.mission.safety.separation_m
     assert tracks.least_m(until_s=ends_s) >= team.mission.safety.separation_m
     off_m = {i: team.off_start_m(i) for i in FOUR}
-    assert max(off_m.values()) < AT_HOME_M, off_m
+    assert max(off_m.values()) < HOME_M, off_m
     assert "vehicle 4, which is not in the mission file, is added" in err
     verdicts = json.loads(out)["verdicts"]
     assert (verdicts["C3"], verdicts["separation"]) == (True, True), "the spacing of four is judged, not of three"
@@ -132,6 +140,94 @@ async def test_a_vehicle_that_is_not_in_the_file_joins_the_ring(
             replayed = b"".join(await replay.communicate()).decode()
             assert replay.returncode == 0, replayed
             assert "compared bit for bit" in replayed
+
+
+def flying_child(supervisor: Process) -> int:
+    """Return the id of the process that flies the added vehicle, whose supervisor this is."""
+    [child] = [each for each in psutil.Process(supervisor.pid).children() if "rejoin" in each.cmdline()]
+    return child.pid
+
+
+@pytest.mark.long
+async def test_one_whose_program_was_killed_comes_home_beside_the_flight_and_is_added_anew_only_then(
+    mission_file: Callable[..., str],
+) -> None:
+    """It hovers meanwhile, the others fly on, and all keep apart. The command is the one that its supervisor names."""
+    path = mission_file("case2", WITH_FOURTH, *UNLIKE, *NEAR_TARGET)
+    mission = of_three(path)
+    async with team_of(path) as team, asyncio.timeout(3.0 * PATIENCE_S), team.watched():
+        fourth = team.vehicles[4]
+        async with running("fly", mission, "--no-log", "--json") as flight:
+            await until(lambda: any(each.armed for each in team.vehicles.values()), waiting_for="a take-off")
+            with hurried(team.clock):
+                flown = [team.vehicles[i] for i in THREE]
+                await until(lambda: all(each.mode is NavMode.OFFBOARD for each in flown), 90.0, clock=team.clock)
+            async with running(*addition(team), "--mission", mission, "--no-log") as joined:
+                await until(lambda: fourth.armed, waiting_for="its take-off")
+                with hurried(team.clock):
+                    await until(lambda: team.off_start_m(4) > 10.0, 90.0, "its way to the ring", clock=team.clock)
+                plain = ("recover", mission, "--yes", "--add", "4", *addition(team)[3:])
+                with at_speed(team.clock, 1.0):
+                    code, said = await told(*plain)
+                    assert (code, "still runs" in said, "--only ID" in said) == (3, True, True), said
+                    code, said = await told(*plain, "--only", "4")
+                assert (code, "it flies vehicle 4, as its bus shows" in said) == (3, True), said
+                assert fourth.mode is NavMode.OFFBOARD
+                os.kill(flying_child(joined), signal.SIGKILL)
+                err = (await joined.communicate())[1].decode()
+            assert joined.returncode == 4, err
+            assert "Ended by signal 9: vehicle 4" in err
+            await until(lambda: fourth.mode is NavMode.HOLD, 30.0, "its autopilot's failsafe", clock=team.clock)
+            code, said = await commanded(team, mission, *addition(team))
+            assert (code, "it is in the air already" in said) == (3, True), said
+            recovery = shlex.split(re.search(r"`cordon (recover .*?)`", err)[1])  # type: ignore[index]
+            killed_s = team.clock.now_s()
+            async with running(*recovery, "--yes", "--no-log", "--json") as home:
+                await until(lambda: fourth.mode is NavMode.OFFBOARD, waiting_for="offboard again")
+                with hurried(team.clock):
+                    await until(lambda: not fourth.armed, 200.0, "its landing", clock=team.clock)
+                result, words = await home.communicate()
+            landed_s = team.clock.now_s()
+            assert home.returncode == 0, words.decode()
+            assert b"sightings contradict" not in words, "the target's motion began with the flight of the others"
+            assert team.aloft == {1, 2, 3}
+            assert all(each.mode is NavMode.OFFBOARD for each in flown)
+            [found] = json.loads(result)["vehicles"]
+            assert (found["id"], found["treatment"], found["how"]) == (4, "bring home", "landed")
+            assert team.off_start_m(4) < HOME_M
+            print(f"MEASURED home {landed_s - killed_s:.0f} s after the command, {team.off_start_m(4):.2f} m off")
+            async with running(*addition(team), "--mission", mission, "--no-log") as again:
+                await until(lambda: fourth.armed or again.returncode is not None, waiting_for="its take-off")
+                assert again.returncode is None, (await again.communicate())[1].decode()
+                os.kill(flying_child(again), signal.SIGKILL)
+                await again.communicate()
+            kill_whole(flight.pid)
+    print(f"MEASURED least distance {team.least_m:.2f} m, at like heights {team.least_level_m:.2f} m")
+    assert team.least_level_m >= team.mission.safety.separation_m
+
+
+async def test_one_that_is_not_in_the_file_comes_home_with_a_team_whose_flight_is_gone(
+    mission_file: Callable[..., str], tmp_path: Path
+) -> None:
+    """They keep apart, it lands last, and the log is replayed bit for bit."""
+    path = mission_file("case2", WITH_FOURTH, *UNLIKE)
+    places_m = {1: (12.0, 2.0), 2: (12.0, -2.0), 3: (12.0, -6.0), 4: (8.0, 0.0)}
+    async with team_of(path, starts_m=places_m) as team:
+        mission, log = of_three(path), tmp_path / "home.mcap"
+        await take_off(team, dict.fromkeys(FOUR, 8.0))
+        async with team.watched():
+            described = ("--add", "4", *addition(team)[3:])
+            ended, said, result = await recovered(team, *described, path=mission, log=str(log))
+        print(f"MEASURED least distance {team.least_m:.2f} m, at like heights {team.least_level_m:.2f} m")
+        assert ended == 0, said
+        assert not team.aloft
+        assert max(map(team.off_start_m, FOUR)) < HOME_M
+        assert team.least_level_m >= team.mission.safety.separation_m
+        landed_s = {each["id"]: each["landed_at_s"] for each in result["vehicles"]}
+        assert max(landed_s, key=landed_s.__getitem__) == 4
+        assert landed_s.keys() == {*FOUR}
+    code, said = await told("replay", str(log))
+    assert code == 0, said
 
 
 @dataclass(frozen=True, slots=True)
@@ -195,7 +291,7 @@ async def test_it_comes_home_once_the_others_do_and_not_when_one_of_them_does(
     assert "vehicle 4: joined this flight and still flies (return and land)" in result["ended"]["reason"]
     assert {left["vehicle"] for left in result["departures"]} == {1}
     assert team.least_level_m >= team.mission.safety.separation_m
-    assert max(off_m.values()) < AT_HOME_M
+    assert max(off_m.values()) < HOME_M
 
 
 @pytest.mark.long

@@ -251,7 +251,7 @@ async def test_the_page_outlives_a_flight_whose_process_is_killed_and_says_what_
                 assert dist(unaccounted[i]["position_m"], place_m) < 10.0, "in half a second at ten times the speed"
                 assert unaccounted[i]["latitude_deg"] is not None
         said = process.stderr.read()
-        assert "Ended by the watchdog: vehicles 1, 2 and 3" in said
+        assert "Ended by signal 9: vehicles 1, 2 and 3" in said
         assert "stays open" in said
         assert not is_listening(port)
 

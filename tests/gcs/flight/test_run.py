@@ -1,11 +1,17 @@
 """The exit code of a flight, from the outcomes of its vehicles and the verdict on its record."""
 
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
 import pytest
 
 from agents.flight_end import FlightEnd, LastPosition
 from agents.shell.outcome import Outcome
 from gcs.errors import Exit
-from gcs.flight.run import exit_code
+from gcs.flight.run import exit_code, report_abandoned
+from gcs.link.ports import added_text
 from gcs.mission.file import load_mission
 
 MISSION = load_mission("case2")
@@ -53,3 +59,37 @@ def test_a_vehicle_that_is_unaccounted_for_comes_first_with_its_last_position(
     assert f"{origin.longitude_deg:.5f}" in err
     assert "height 8.0 m" in err
     assert err.index("Vehicle 2") < err.index("vehicle 1")
+
+
+@pytest.mark.parametrize("ended_by", [signal.SIGKILL, signal.SIGINT])
+def test_the_command_that_reaches_a_joined_vehicle_is_named_if_its_process_was_killed(
+    ended_by: signal.Signals, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
+    tmp_path.chmod(0o700)
+    url = "udpin://127.0.0.1:14999"
+    program = (
+        "import time\n"
+        "from contextlib import suppress\n"
+        "from gcs.link.ports import Claims\n"
+        "from gcs.mission.file import enlarged_mission, load_mission\n"
+        f"vehicle = {{'id': 4, 'start_m': (0.0, -8.0), 'url': '{url}'}}\n"
+        "with suppress(KeyboardInterrupt), Claims() as claims:\n"
+        "    claims.show_added(enlarged_mission(load_mission('case2'), vehicle))\n"
+        "    print(flush=True)\n"
+        "    time.sleep(600)\n"
+    )
+    with subprocess.Popen([sys.executable, "-c", program], stdout=subprocess.PIPE) as flies:
+        assert flies.stdout is not None
+        flies.stdout.readline()
+        report_abandoned(MISSION)
+        before, shown = capsys.readouterr().err, added_text(MISSION)
+        flies.send_signal(ended_by)
+    assert before == "", "it flies"
+    assert shown is not None
+    report_abandoned(MISSION)
+    said = " ".join(capsys.readouterr().err.split())
+    assert added_text(MISSION) is None
+    command = f"`cordon recover MISSION --add 4 --only 4 --start 0,-8 --url {url}`"
+    assert (command in said) is (ended_by is signal.SIGKILL), said
+    assert ("vehicle 4 had joined this flight" in said) is (ended_by is signal.SIGKILL)

@@ -4,6 +4,7 @@ import os
 import signal
 import socket
 import subprocess
+import sys
 import threading
 import time
 from collections.abc import Iterator
@@ -29,7 +30,7 @@ from gcs.metrics.ending import Unaccounted
 from sitl.server import shared_clock
 from sitl.server.governed_clock import GovernedClock
 from sitl.server.shared_clock import US_PER_S, ClockName, Rank, Seat, new_clock
-from tests.support.wire import PATIENCE_S
+from tests.support.wire import PATIENCE_S, until_now
 
 PERIOD_S = 0.1
 
@@ -101,8 +102,11 @@ def test_a_killed_flight_has_the_last_place_also_of_one_whose_link_was_lost_befo
     assert lines[:3] == [
         "Vehicle 1 is unaccounted for: its last position is in the flight log",
         f"Vehicle 2 is unaccounted for: last at {at}, height 9.5 m, 33 s ago",
-        "Ended by the watchdog: vehicles 1 and 2",
+        "Ended by signal 9: vehicles 1 and 2",
     ]
+    assert "`cordon recover`" in lines[-1]
+    theirs = supervisor._report(77, -9, {}, monitor, supervisor._EndRequest(), "cordon recover case1 --add 2")[0]
+    assert "`cordon recover case1 --add 2`" in theirs[-1]
     monitor.receive(encode_beat(Beat.ENDED, 1))
     assert supervisor._report(77, 4, {}, monitor, supervisor._EndRequest()) == ([], None), "told by that process"
     assert supervisor._report(77, -9, {}, monitor, supervisor._EndRequest())[0][0] == lines[1]
@@ -181,6 +185,43 @@ def test_a_flight_that_ended_as_it_should_has_no_words_of_the_watchdog() -> None
     lines, lost = supervisor._report(77, -9, {}, LoopMonitor(), supervisor._EndRequest())
     assert "while no vehicle flew" in lines[0]
     assert lost is None
+
+
+def test_a_supervisor_does_not_wait_for_a_clock_whose_program_was_killed(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The next flight removes what the killed one left, and those that still use it take each other for ended."""
+    monkeypatch.setattr(shared_clock, "HUNG_S", 0.2)
+    program = (
+        "import time\n"
+        "from sitl.server.shared_clock import new_clock\n"
+        "with new_clock(1.0) as name:\n"
+        "    print(name.number, flush=True)\n"
+        "    time.sleep(600)\n"
+    )
+    with subprocess.Popen([sys.executable, "-c", program], stdout=subprocess.PIPE) as owner:
+        assert owner.stdout is not None
+        name = ClockName(int(owner.stdout.readline()))
+        pace = supervisor._PollPace()
+        assert pace.follow(name.number)
+        pace.wait()
+        period_us = round(POLL_PERIOD_S * US_PER_S)
+        with Seat(name, Rank.AGENTS) as flying:
+            flying.state(period_us)
+            owner.kill()
+            owner.wait()
+            with new_clock(inf):
+                assert not name.folder.exists()
+            waiting = threading.Thread(target=pace.wait, daemon=True)
+            waiting.start()
+            seat = pace._seat
+            assert seat is not None
+            until_now(lambda: seat.waits_us > period_us, "the supervisor's next event")
+            flying.state(100 * period_us)  # it cannot wake the supervisor, whose turn it is
+            waiting.join(PATIENCE_S / 10.0)
+            assert not waiting.is_alive()
+            assert not pace.follow(name.number), "by the wall's from now on"
+            began_s = time.monotonic()
+            pace.wait()
+            assert POLL_PERIOD_S <= time.monotonic() - began_s < PATIENCE_S
 
 
 # The flying process's end

@@ -6,6 +6,7 @@ import pytest
 
 from agents.team.messages import AddedVehicle
 from gcs.errors import InputError
+from gcs.mission.added_vehicle import recovery_command
 from gcs.mission.file import enlarged_mission, joined_mission, load_mission, parse_mission
 
 FOURTH: Mapping[str, object] = {"id": 4, "start_m": (0.0, -8.0), "url": "udpin://127.0.0.1:14999"}
@@ -42,6 +43,15 @@ def test_for_metrics_it_is_known_by_its_announcement() -> None:
     assert joined_mission(others, 4, AddedVehicle((0.0, -8.0), 8.0)).added == 4, "it does not take the default profile"
     rings = load_mission("two-targets")
     assert joined_mission(rings, 9, AddedVehicle((0.0, -80.0), 8.0)) is rings
+
+
+def test_the_command_that_brings_it_home_describes_it_as_the_one_that_added_it() -> None:
+    where = {"profile": "px4", "altitude_m": 8.0, "system_id": 14, "endpoint": "tcp/127.0.0.1:7999"}
+    enlarged = enlarged_mission(load_mission("case2"), {**FOURTH, "start_m": (-0.5, -8.0), **where})
+    assert recovery_command(enlarged, "my case.toml", ["mission.duration_s=90"]) == (
+        "cordon recover 'my case.toml' --set mission.duration_s=90 --add 4 --only 4 --start -0.5,-8 "
+        "--url udpin://127.0.0.1:14999 --profile px4 --altitude 8 --system-id 14 --endpoint tcp/127.0.0.1:7999"
+    )
 
 
 @pytest.mark.parametrize(
