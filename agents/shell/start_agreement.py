@@ -122,6 +122,8 @@ CLOCKS_TIMEOUT_S = 1.2
 _PERIOD_S = TOPICS[StartProposal].period_s
 _IN_FLIGHT_EACH = 5
 """In flight one of so many proposals is sent: each of 64 vehicles would receive 320 a second, as many as states."""
+_ANSWERED_MAX = 4
+"""The number of vehicles that are not in the mission file and are answered, one with each proposal."""
 _OFTEN_FOR_S = 2.0
 """How long all are sent to one that has just come, which compares clocks and missions with them [wall s]."""
 
@@ -175,16 +177,11 @@ class StartAgreement:
     def answer(self, vehicle_id: int, vehicle: AddedVehicle, refusal: str) -> None:
         """Answer a vehicle that is not in the mission file from now on; without a refusal it may join.
 
-        One that has joined and the last other one that must not are answered in turn.
+        The last few are answered in turn.
         """
         given = AddedAnswer(vehicle_id, vehicle, printable(refusal)[:DID_LIMIT], self._duration_s)
-        may_join = not given.refusal
-        kept = {
-            each.vehicle: each
-            for each in self._outgoing
-            if each.vehicle == vehicle_id or may_join != (not each.refusal)
-        }
-        self._outgoing = tuple((kept | {vehicle_id: given}).values())
+        answers = {each.vehicle: each for each in self._outgoing} | {vehicle_id: given}  # in their turns
+        self._outgoing = tuple(answers.values())[-_ANSWERED_MAX:]
 
     @property
     def start_s(self) -> float | None:
