@@ -57,7 +57,11 @@ def given_options(options: object) -> list[str]:
     """Return which of a class of options were given, by their names on the command line."""
     default = type(options)()
     names = [each.name for each in fields(options) if getattr(options, each.name) != getattr(default, each.name)]  # type: ignore[arg-type]  # a dataclass
-    return [f"--{name.replace('_', '-')}" for name in names]
+    return [_SPELT.get(name, f"--{name.replace('_', '-')}") for name in names]
+
+
+_SPELT = {"recorded": "--no-log"}
+"""What is typed for a field of another name."""
 
 
 def enlarged(

@@ -2,6 +2,7 @@
 
 import sys
 from dataclasses import dataclass, field
+from shlex import join
 from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter
@@ -166,7 +167,16 @@ def fly(options: FlyOptions) -> int:
     require_station(options.station, options.station_address, options.station_tiles)
     if is_supervised():
         return _fly(options)
-    return _supervise_with_station(options) if options.station else supervise(json=options.json)
+    if options.station:
+        return _supervise_with_station(options)
+    return supervise(json=options.json, recovery=_recovery(options))
+
+
+def _recovery(options: FlyOptions) -> str:
+    """Return the command that brings home the vehicles of this process if it is killed."""
+    only = () if options.only is None else ("--only", str(options.only))
+    settings = [part for given in options.changes for part in ("--set", given)]
+    return join(["cordon", "recover", options.mission, *settings, *only])
 
 
 def _check_adoption(options: FlyOptions) -> None:
@@ -204,7 +214,7 @@ def _supervise_with_station(options: FlyOptions) -> int:
             if not station.line:
                 return station.exit_code
             print_line(station.line)
-            code = supervise(json=options.json, page=station)
+            code = supervise(json=options.json, page=station, recovery=_recovery(options))
             if station.is_kept:
                 print_line(f"{station.line} stays open and shows the last state; Ctrl-C closes it")
             station.wait()

@@ -51,7 +51,8 @@ def departures(record: FlightRecord) -> tuple[Departure, ...] | None:
 
     By order are operators' commands and the end of the mission. Not by order are reactions of the failsafe table, a
     pilot override, the end of a flight otherwise, as with its process, and that nothing is known of a vehicle for more
-    than `LOST_AFTER_S` until the end of the record, or in the air of one that joined from another process.
+    than `LOST_AFTER_S` until the end of the record or until it is elsewhere, or in the air of one that joined from
+    another process.
     """
     flown = [track for track in record.vehicles if np.isin(track.tactic, list(_IN_PLACE)).any()]
     silent = [each for each in record.endings if each.fell_silent]
@@ -93,8 +94,11 @@ def _departures(record: FlightRecord, track: VehicleTrack) -> Iterator[Departure
         then = [event for event in events if span_s[0] <= event.time_s <= span_s[1]]
         tactic = str(track.tactic[after])
         taken = _condition(then) or (tactic if tactic in _NEVER_ORDERED else "")
+        is_silent = record.time_s[after] - record.time_s[before] > LOST_AFTER_S
         if cause := taken or ("" if any(map(_is_order, then)) else ended):
             yield _departure(record, track, before, after, cause)
+        elif is_silent:  # another process brings it home, or its autopilot
+            yield _departure(record, track, before, before, NO_DATA)
     last_s = float(record.time_s[known[-1]])
     # A later change of its tactic is the end of its mission: the record ends with that of the team.
     went_on = any(each.kind == "tactic" and each.time_s > last_s + _EVENT_GRAIN_S for each in events)

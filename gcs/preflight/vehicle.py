@@ -362,17 +362,21 @@ def elsewhere(mission: Mission, team: Sequence[VehicleFacts]) -> tuple[tuple[Fin
     x, y, z = shift_m.tolist()
     frame = mission.mission_frame()
     north_m, east_m, _ = frame.ned_from_mission((x, y, 0.0))
-    there = frame.geodetic_from_mission((x, y, z))
+    there, [first_m, *_] = frame.geodetic_from_mission((x, y, z)), placed.values()
+    away = f"{_distance(away_m)} {_compass_point(north_m, east_m)}"
+    why = "starts, target and fence of the mission are where [frame] says"
+    if [*placed] == [mission.added]:  # the others fly this mission already
+        what = f"vehicle {mission.added} is {away} of its start"
+        todo = f"move it to its start, or give as --start where it stands: {first_m[0]:.1f},{first_m[1]:.1f}"
+    else:
+        what = f"the team is {away} of the mission"
+        todo = (
+            "move the team, or the mission: "
+            f"frame.latitude_deg = {there.latitude_deg:.6f}, longitude_deg = {there.longitude_deg:.6f}, "
+            f"altitude_m = {there.altitude_m:.1f}"
+        )
     found = Finding(
-        Grade.REFUSE,
-        MISSION,
-        "place",
-        f"the team is {_distance(away_m)} {_compass_point(north_m, east_m)} of the mission",
-        "starts, target and fence of the mission are where [frame] says",
-        "move the team, or the mission: "
-        f"frame.latitude_deg = {there.latitude_deg:.6f}, longitude_deg = {there.longitude_deg:.6f}, "
-        f"altitude_m = {there.altitude_m:.1f}",
-        temporary=not all(each.is_ready for each in team),
+        Grade.REFUSE, MISSION, "place", what, why, todo, temporary=not all(each.is_ready for each in team)
     )
     return (found,), [_shifted(each, (-x, -y, -z)) for each in team]
 

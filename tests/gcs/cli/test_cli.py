@@ -304,6 +304,7 @@ REFUSED: tuple[tuple[str, ...], ...] = (
     ("recover case1 --yes --add 300 --start 0,-9 --url udpin://127.0.0.1:14543", "--add: "),
     ("rejoin 9 --mission case1", "VEHICLE", "9", "1, 2, 3", "--add"),
     ("rejoin 2 --mission case1 --start 0,-9 --sitl --off-bus 3", "--start", "--sitl", "--off-bus", "it needs --add"),
+    ("rejoin 2 --mission case1 --no-log", "--no-log: it needs --add"),
     ("rejoin 2 --add --mission case1 --start 0,-9 --sitl", "--add: vehicle 2 is in the mission"),
     ("rejoin 4 --add --mission case1", "--start: ", "--url: "),
     ("rejoin 4 --add --mission case1 --start here --url udpin://127.0.0.1:14543", "--start: 'here'", "X,Y"),

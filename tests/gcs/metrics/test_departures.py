@@ -15,7 +15,7 @@ from agents.inputs import AutopilotStatus, Command, ReceivedInput, TacticEvent
 from agents.notes import AlertChange, CommandOutcome, TacticChange
 from agents.ports import VehicleStatus
 from agents.settings.config import AgentConfig
-from agents.tactics import Event
+from agents.tactics import NO_TACTIC, Event
 from agents.team.messages import OperatorCommand
 from agents.team.verbs import Verb
 from gcs.flight import simulated
@@ -25,6 +25,7 @@ from gcs.metrics.metrics import evaluate, evaluated
 from gcs.metrics.record import FlightEvent, FlightRecord, LoopStatistics, VehicleTrack
 from gcs.metrics.references import DesiredRing, FormationReference
 from gcs.metrics.result import FlightResult
+from gcs.metrics.ring import LOST_AFTER_S
 from gcs.mission.file import load_mission
 from tests.support.report_evidence import TOLERANCES
 
@@ -74,6 +75,15 @@ def test_two_that_stay_evenly_spaced_do_not_hide_a_third_that_a_failsafe_took_aw
     assert result.ring.members_min == 2
     ordered = judged(record(*pair, third))
     assert (ordered.departures, ordered.verdicts.kept, ordered.all_hold) == ((), True, True)
+
+
+@pytest.mark.parametrize(("silent_s", "back_at_s"), [(9.0, None), (9.0, 70.0), (4.0, None)])
+def test_one_that_was_silent_and_is_elsewhere_afterwards_has_left(silent_s: float, back_at_s: float | None) -> None:
+    """The process that flew it was killed, and another one brings it home, from where it may join again."""
+    then = () if back_at_s is None else ((50.0, "land"), (52.0, NO_TACTIC), (back_at_s, "encircle"))
+    third = track(3, (30.0, NO_TACTIC), (30.0 + silent_s, "hold"), (42.0, "return and land"), *then)
+    left = Departure(3, 29.9, "ring", NO_DATA, back_at_s)
+    assert departures(record(track(1), track(2), third)) == ((left,) if silent_s > LOST_AFTER_S else ())
 
 
 def test_a_vehicle_that_left_and_came_back_has_left() -> None:

@@ -376,6 +376,15 @@ def test_a_team_in_the_wrong_place_is_one_finding(subtests: pytest.Subtests) -> 
             assert facts_missing(f"{found.found}. {found.next_step}", *says) == []
 
 
+def test_a_vehicle_that_joins_is_told_where_it_stands_and_the_mission_stays() -> None:
+    joined = enlarged_mission(CASE2, {"id": 4, "start_m": (0.0, -8.0), "url": "udpin://127.0.0.1:14999"})
+    facts = replace(well(1), vehicle_id=4, origin_m=(24.0, -8.0, 0.0), position_m=(24.0, -8.0, 0.0))
+    [found] = [each for each in preflight(joined, [facts]) if each.check == "place"]
+    assert found.found == "vehicle 4 is 24 m east of its start"
+    assert facts_missing(found.next_step, "--start", "24.0,-8.0") == []
+    assert "frame" not in found.next_step
+
+
 def test_where_a_team_is_does_not_follow_from_the_place_of_one_of_three() -> None:
     x, y = CASE2.vehicle(1).section.start_m
     facts = [well(i, position_m=(x, y + 42.0, 0.0) if i == 1 else None) for i in CASE2.ids]
