@@ -375,9 +375,7 @@ def elsewhere(mission: Mission, team: Sequence[VehicleFacts]) -> tuple[tuple[Fin
             f"frame.latitude_deg = {there.latitude_deg:.6f}, longitude_deg = {there.longitude_deg:.6f}, "
             f"altitude_m = {there.altitude_m:.1f}"
         )
-    found = Finding(
-        Grade.REFUSE, MISSION, "place", what, why, todo, temporary=not all(each.is_ready for each in team)
-    )
+    found = Finding(Grade.REFUSE, MISSION, "place", what, why, todo, temporary=not all(each.is_ready for each in team))
     return (found,), [_shifted(each, (-x, -y, -z)) for each in team]
 
 
