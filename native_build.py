@@ -25,7 +25,6 @@ COMPILED = (
     "agents/control",
     "agents/core.py",
     "agents/gimbal.py",
-    "agents/recording.py",
     "agents/ring",
     "agents/safety",
     "agents/setpoint.py",

@@ -110,7 +110,7 @@ _GOES_ON = ("start", "resume", "formation", "ring", "assign", "goto", "look")
 """With any other verb an operator takes the decision to resume."""
 
 
-@mypyc_attr(allow_interpreted_subclasses=True)  # those of tests
+@mypyc_attr(allow_interpreted_subclasses=True)  # RecordedCore
 class VehicleCore:
     """Estimates, decides, plans and guards for one vehicle; `planner` makes its plug-in planner, if any."""
 
@@ -689,8 +689,12 @@ class VehicleCore:
         self._fault_detector.join()
         self._follow_commands()
 
-    def aloft_refusal(self, vehicle_id: int) -> str:
-        """Return why a vehicle that has joined must not take off anew, as far as it was received; empty if it may."""
+    @property
+    def added_aloft(self) -> str:
+        """Why the vehicle that has joined must not take off anew, as far as it was received; empty if it may."""
+        return "" if self.added is None else self._aloft_refusal(self.added[0])
+
+    def _aloft_refusal(self, vehicle_id: int) -> str:
         states = (*self._team.members(), *self._team.lost(self._now_s, inf))
         return aloft_refusal(vehicle_id, states, self._config)
 
@@ -698,7 +702,7 @@ class VehicleCore:
         """Return why a vehicle that is not in the mission file must not join, empty if it may."""
         if self._has_plug_in:
             return "a plug-in planner flies its mission"
-        if aloft := self.aloft_refusal(vehicle_id):
+        if aloft := self._aloft_refusal(vehicle_id):
             return aloft
         place_m, separation_m = self._estimator.position_m, self._config.safety.separation_m
         away_m = inf if place_m is None else dist(place_m, vehicle.start_m)

@@ -495,7 +495,7 @@ class Agent:
                 parts.bus.admit(sender)
             refusal = core.added_refusal
         else:  # one that flies is ready; one that is not yet is about to take off, also from where it landed
-            refusal = "" if message.ready else core.aloft_refusal(sender)
+            refusal = "" if message.ready else core.added_aloft
         self._start_agreement.answer(sender, vehicle, refusal)
 
     def _act_on_commands(self) -> None:

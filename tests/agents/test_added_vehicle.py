@@ -182,14 +182,14 @@ def test_one_whose_last_state_is_in_the_air_does_not_join_anew_until_it_has_land
             core = VehicleCore(config)
             flying(core, 1.0)
             core.take(VehicleJoins(4, FOURTH))
-            assert core.aloft_refusal(4) == "", "it has not flown yet"
+            assert core.added_aloft == "", "it has not flown yet"
             message = state(4, 1.1).message
             assert isinstance(message, MemberState)
             core.take(Message(1.1, structs.replace(message, tactic=tactic, altitude_m=altitude_m)))
             if is_silent:
                 core.take(Presence(4, present=False))
                 flying(core, 300.0)
-            said = core.aloft_refusal(4)
+            said = core.added_aloft
             assert ("in the air last, " in said) is refused, (tactic, altitude_m, is_silent)
             assert len(said) <= DID_LIMIT
             core.take(VehicleJoins(4, elsewhere))

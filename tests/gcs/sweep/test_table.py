@@ -27,7 +27,7 @@ NEAR = {"target.start_m": [9.0, -3.0]}
 LEFT_OUT = {
     "": "format mission seed source reference wall_time_s realtime_factor events estimate truth_missing faults kinds "
     "plants",
-    "ended": "vehicles unaccounted",
+    "ended": "vehicles unaccounted still_flying",
     "ring": "judged_from_s",
     "engagement": "pending",
     "loop": "tick_p50_us tick_p99_us",
