@@ -56,8 +56,8 @@ class Neighbours:
         """Fly the ring of another configuration from now on."""
         self._has_heights = config.encirclement.has_heights
         self._bands_m, self._ring = ring_bands_m(config), config.ring
-        rate_per_s = config.safety.barrier_rate_per_s
-        self._passing_m = UNMODELLED_M_S2 / rate_per_s**2 if self._bands_m else 0.0
+        self._unmodelled_m = UNMODELLED_M_S2 / config.safety.barrier_rate_per_s**2
+        self._passing_m = self._unmodelled_m if self._bands_m else 0.0
 
     def near(self, situation: Situation, states: Sequence[MemberState]) -> Sequence[MemberState]:
         """Return the members that can affect the guard within `NEAR_FOR_S`: no aim is too close to the others.
@@ -73,7 +73,7 @@ class Neighbours:
         speed, turned = length(x_rate, y_rate), sqrt(2.0) * self._acceleration_max_m_s2
         reach = self._reach_m_s2 + hypot(*situation.disturbance.tolist()) + self._damping_per_s * speed
         reach *= 1.0 + self._damping_per_s * NEAR_FOR_S
-        still_m = 3.0 * safety.separation_m + self._passing_m + 2.0 * (reach + max(reach, turned)) / rate**2
+        still_m = 3.0 * safety.separation_m + self._unmodelled_m + 2.0 * (reach + max(reach, turned)) / rate**2
         speed += reach * NEAR_FOR_S
         still_m += (4.0 / rate + NEAR_FOR_S) * speed
         near, until_s = [], situation.acting_s + NEAR_FOR_S
@@ -135,10 +135,10 @@ class Neighbours:
             away_m = length(place_x + its_x_rate * ahead_s - x, place_y + its_y_rate * ahead_s - y)
             away_m -= changed_m_s / 2.0 * ahead_s
             unsure = sigmas * (own_sigma_m + it.position_sigma_m)
-            keep_m = separation_m + self._passing_m + min(unsure, separation_m)
+            evades = member.tactic not in _DOES_NOT_EVADE
+            keep_m = separation_m + (self._passing_m if evades else self._unmodelled_m) + min(unsure, separation_m)
             keep_m += min(UNPUBLISHED_ACCELERATION_M_S2 / 2.0 * ahead_s * ahead_s, separation_m)
             closing_m_s = length(its_x_rate - x_rate, its_y_rate - y_rate) + changed_m_s
-            evades = member.tactic not in _DOES_NOT_EVADE
             needed_m_s2 = 2.0 * answer_m_s2 if evades else answer_m_s2 + limit_m_s2
             if (
                 ahead_s == GOING_ON_S
@@ -214,7 +214,10 @@ class Neighbours:
             x_rate = y_rate = x_acceleration = y_acceleration = 0.0
         unsure = unsure_m(safety.uncertainty_sigmas, own_sigma_m, it.position_sigma_m)
         distance_m = separation_m + min(unsure, separation_m) + min(moved_m, separation_m)
-        distance_m += self._passing_m if passes else 0.0
+        if member.tactic in _DOES_NOT_EVADE:
+            distance_m += self._unmodelled_m  # neither a plan nor the other one makes up for a plant that is off
+        elif passes:
+            distance_m += self._passing_m
         acceleration_m_s2 = x_acceleration, y_acceleration
         return Body((x, y), (x_rate, y_rate), acceleration_m_s2, distance_m, shares, member.sender)
 

@@ -119,6 +119,16 @@ def test_who_lands_or_is_flown_by_somebody_else_bears_no_half(tactic: str, share
     assert (heard.shares, lost.shares) == (shares, False)
 
 
+@pytest.mark.parametrize(("tactic", "more_m"), [("hold", 0.0), ("land", 1.0), ("pilot override", 1.0)])
+def test_from_one_that_does_not_evade_the_guard_keeps_what_a_plant_that_is_off_takes(
+    tactic: str, more_m: float, make_config: Maker
+) -> None:
+    """The distance falls short by the unmodelled acceleration over the square of the barrier's rate."""
+    config = make_config(safety={"barrier_rate_per_s": 0.6})
+    (body,) = Neighbours(config).bodies(situation(10.0, 0.0), [member(tactic=tactic)], [])
+    assert body.distance_m - config.safety.separation_m == pytest.approx(more_m * UNMODELLED_M_S2 / 0.36)
+
+
 @pytest.mark.parametrize(("above_m", "counts"), [(1.9, 1), (-1.9, 1), (2.0, 0), (-2.5, 0)])
 def test_who_flies_well_above_or_below_is_not_in_the_way(above_m: float, counts: int) -> None:
     bodies = Neighbours(CONFIG).bodies(situation(10.0), [member(altitude_m=HEIGHT_M + above_m)], [])
