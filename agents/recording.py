@@ -5,7 +5,7 @@ from typing import Protocol
 from agents.control.plan import PlannerFactory
 from agents.core import VehicleCore
 from agents.drops import NO_DROPS
-from agents.inputs import Bus, Computer, CoreInput, LateTicks, Message, ReceivedInput, Rejoined, Tick
+from agents.inputs import Bus, Computer, CoreInput, LateTicks, ReceivedInput, Rejoined, Tick
 from agents.outputs import TickOutput
 from agents.settings.config import AgentConfig
 
@@ -31,13 +31,13 @@ class RecordedCore(VehicleCore):
     def take(self, item: ReceivedInput) -> None:
         """See VehicleCore."""
         kind = type(item)
-        if kind is Message or not item.lasts:
+        if not item.lasts:
             self._write(item)
         elif self._lasting.get(kind) != item:
             self._lasting[kind] = item
             self._write(item)
         super().take(item)
-        if isinstance(item, Rejoined) and not item.refusal:  # the core has begun anew
+        if type(item) is Rejoined and not item.refusal:  # the core has begun anew
             self._lasting = _lasting_at_first()
 
     def tick(self, now_s: float) -> TickOutput:
