@@ -127,4 +127,7 @@ class RunKeys:
 
 def _in_use(folder: Path) -> bool:
     """Return whether a process holds the keys in a folder."""
-    return folder.exists() and is_locked(folder)
+    try:
+        return is_locked(folder)
+    except FileNotFoundError:  # its flight has just ended
+        return False
