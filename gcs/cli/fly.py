@@ -175,8 +175,11 @@ def fly(options: FlyOptions) -> int:
 def _recovery(options: FlyOptions) -> str:
     """Return the command that brings home the vehicles of this process if it is killed."""
     only = () if options.only is None else ("--only", str(options.only))
-    settings = [part for given in options.changes for part in ("--set", given)]
-    return join(["cordon", "recover", options.mission, *settings, *only])
+    return join(["cordon", "recover", options.mission, *_settings(options), *only])
+
+
+def _settings(options: FlyOptions) -> list[str]:
+    return [part for given in options.changes for part in ("--set", given)]
 
 
 def _check_adoption(options: FlyOptions) -> None:
@@ -207,8 +210,7 @@ def _supervise_with_station(options: FlyOptions) -> int:
 
     address = () if options.station_address is None else ("--address", options.station_address)
     tiles = () if options.station_tiles is None else ("--tiles", str(options.station_tiles))
-    settings = [part for given in options.changes for part in ("--set", given)]
-    mission = ["--mission", options.mission, *settings]
+    mission = ["--mission", options.mission, *_settings(options)]
     try:
         with run_station([*mission, *address, *tiles, "--vehicles", _source(options)]) as station:
             if not station.line:
