@@ -80,13 +80,8 @@ def test_where_a_vehicle_was_last_that_was_unaccounted_for_comes_first(log: Flig
     lost = ended(rewrite(log, tmp_path / "lost.mcap", 2, change))
     assert lost is not None
     assert (lost.how, lost.vehicles, lost.unaccounted[0].vehicle) == (FlightEnd.LOST, (2,), 2)
-    result = all_held(lost)
-    terminal = StringIO()
-    Console(file=terminal, width=200).print(terminal_summary(result))
-    evidence, _, criteria = flown(3, duration_s=60.0, rate_hz=5.0)
-    undrawn = FlightEvidence(replace(evidence.record, vehicles=()), ())
-    page = report_html(undrawn, result, criteria, ring_flight(2.0))
-    for text in (terminal.getvalue(), page):
+    terminal, page = shown(all_held(lost))
+    for text in (terminal, page):
         line = lost.unaccounted[0].line
         assert "height 8.5 m" in line
         assert text.index(line) < text.index(lost.headline)
@@ -112,6 +107,15 @@ def all_held(ending: TeamEnding | None) -> FlightResult:
     return replace(result, verdicts=Verdicts(True, True, True, True, True, True, True), ended=ending)
 
 
+def shown(result: FlightResult) -> tuple[str, str]:
+    """Return what the terminal and the page show of a result."""
+    terminal = StringIO()
+    Console(file=terminal, width=200).print(terminal_summary(result))
+    evidence, _, criteria = flown(3, duration_s=60.0, rate_hz=5.0)
+    undrawn = FlightEvidence(replace(evidence.record, vehicles=()), ())
+    return terminal.getvalue(), report_html(undrawn, result, criteria, ring_flight(2.0))
+
+
 def test_the_verdicts_never_head_a_flight_that_ended_in_a_kill() -> None:
     result = all_held(KILLED)
     assert headline(result) == "Until then: all verdicts pass"
@@ -126,12 +130,7 @@ def test_the_verdicts_never_head_a_flight_that_ended_in_a_kill() -> None:
 def test_one_that_joined_and_still_flies_is_named_although_the_flight_ended_as_planned() -> None:
     sentence = "Vehicle 1: landed and disarmed; vehicle 4: joined this flight and still flies."
     result = all_held(TeamEnding(FlightEnd.LANDED, sentence, (1,), still_flying=(4,)))
-    terminal = StringIO()
-    Console(file=terminal, width=200).print(terminal_summary(result))
-    evidence, _, criteria = flown(3, duration_s=60.0, rate_hz=5.0)
-    undrawn = FlightEvidence(replace(evidence.record, vehicles=()), ())
-    page = report_html(undrawn, result, criteria, ring_flight(2.0))
-    for text in (terminal.getvalue(), page):
+    for text in shown(result):
         assert sentence in text
     assert verdict_of(result) is Exit.HOLDS
 
