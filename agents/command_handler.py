@@ -38,6 +38,7 @@ _WHY_NOT = {
     Tactic.LAND: "it is landing",
     Tactic.PILOT_OVERRIDE: "cordon has handed it over: resume takes it back, kill cuts its motors",
 }
+_ENDS = "the operator ends the flight: rtl brings it home"
 _GOES_FROM = (Tactic.FORMATION, Tactic.ENCIRCLE, Tactic.TRANSIT, Tactic.ASIDE, Tactic.HOLD)
 _CHOOSES_NO_RING = (Tactic.STANDBY, Tactic.ASIDE, Tactic.HOLD, Tactic.PILOT_OVERRIDE)
 AGE_MAX_S, AHEAD_MAX_S = TOPICS[OperatorCommand].age_max_s, 1.0
@@ -397,7 +398,7 @@ class CommandHandler:
 
     def _steer(self, row: VerbRow, tactic: Tactic, circumstances: Circumstances) -> tuple[_Answer, CommandEffect]:
         resumes = row.event is Event.RESUME
-        if resumes and (why := "the operator ends the flight" if circumstances.ends else circumstances.resume_refused):
+        if resumes and (why := _ENDS if circumstances.ends else circumstances.resume_refused):
             return _refused(why), UNCHANGED
         changes = row.event is not None and next_tactic(tactic, row.event) is not tactic
         if not changes and tactic not in row.already:

@@ -282,4 +282,4 @@ def _fly(options: FlyOptions) -> Exit:
     def judge(flown: "Mission", record: "FlightRecord") -> Exit:
         return present(flown, record, json=options.json, plot=options.plot, figure=options.figure)
 
-    return run_flight(request.plan(), recording, judge)
+    return run_flight(request.plan(), recording, judge, options.mission, options.changes)

@@ -125,7 +125,7 @@ def _recover(options: RecoveryOptions) -> Exit:
             print_line(ended.headline, "bold green")
         return Exit.HOLDS  # no ring and no formation were flown: who has not come home is reported by vehicle
 
-    code = run_flight(plan, RecordingOptions(options.log, options.recorded), judge)
+    code = run_flight(plan, RecordingOptions(options.log, options.recorded), judge, options.mission, options.changes)
     assert plan.recovery is not None
     result = plan.recovery.record.result(plan.mission)
     for line in result.lines:

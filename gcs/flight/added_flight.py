@@ -31,8 +31,7 @@ ENDS_FOR_S = 2.0
 _COMING_HOME = (Tactic.RETURN_AND_LAND, Tactic.LAND)
 _COME_HOME = {each.value for each in _COMING_HOME}
 _DURATION_MAX_S = 86400.0
-_CORRECT = "correct this"
-_AGAIN = "then add it again; the team flies on"
+_AGAIN = "add it again; the team flies on"
 
 
 def coming_home(peers: Collection[MemberState]) -> tuple[int, ...]:
@@ -141,5 +140,6 @@ def _require_welcome(member: Member, answers: Mapping[int, AddedAnswer]) -> None
             raise _refused(member, f"vehicle {sender}: {answer.refusal}")
 
 
-def _refused(member: Member, reason: str, next_step: str = _CORRECT) -> VehicleRefusedError:
-    return VehicleRefusedError(f"vehicle {member.vehicle.id} stays on the ground: {reason}", f"{next_step}; {_AGAIN}")
+def _refused(member: Member, reason: str, next_step: str = "") -> VehicleRefusedError:
+    then = f"{next_step}; then" if next_step else "once this is resolved,"
+    return VehicleRefusedError(f"vehicle {member.vehicle.id} stays on the ground: {reason}", f"{then} {_AGAIN}")

@@ -38,9 +38,12 @@ _SPEED_REACHED_SHARE = 0.97
 Judge = Callable[[Mission, FlightRecord], Exit]
 
 
-def run_flight(plan: FlightPlan, recording: RecordingOptions, judge: Judge) -> Exit:
+def run_flight(
+    plan: FlightPlan, recording: RecordingOptions, judge: Judge, file: str = "MISSION", changes: Sequence[str] = ()
+) -> Exit:
     """Fly a plan, whose `log` is opened here, in the supervised process; return the exit code.
 
+    `file` is the mission's name on the command line, `changes` are the values of `--set`, for commands that are named.
     `judge` receives the mission and the record of one that began, shows it and returns its verdict. Raises InputError.
     """
     try:
@@ -53,7 +56,7 @@ def run_flight(plan: FlightPlan, recording: RecordingOptions, judge: Judge) -> E
         verdict = judge(flight.mission, flight.record)
         _warn_of_lateness(flight, flight.record, slower=plan.is_governed and flight.speed > 1.0)
     if flight.mission.added is not None and plan.mission.added is None:
-        report_abandoned(plan.mission)
+        report_abandoned(plan.mission, file, changes)
     report_log(log)
     return exit_code(plan.mission, flight.outcomes, verdict)
 
@@ -100,13 +103,16 @@ def _reporting(mission: Mission) -> Callable[[Sequence[Finding]], None]:
     return report
 
 
-def report_abandoned(mission: Mission) -> None:
-    """Name the command that reaches a vehicle whose process was killed, which had joined the flight from here."""
+def report_abandoned(mission: Mission, file: str, changes: Sequence[str]) -> None:
+    """Name the command that reaches a vehicle whose process was killed, which had joined the flight from here.
+
+    `file` and `changes` as in `run_flight`.
+    """
     with suppress(InputError, VehicleRefusedError):  # without a folder of claims none has joined from here
         if (text := added_text(mission, abandoned=True)) is not None:
             joined = mission.parse(text, mission.folder, mission.profile_texts)
             killed = f"vehicle {joined.added} had joined this flight, and the process that flew it was killed"
-            print_problem(killed, watch_them(recovery_command(joined, "MISSION")))
+            print_problem(killed, watch_them(recovery_command(joined, file, changes)))
 
 
 def exit_code(mission: Mission, outcomes: dict[int, Outcome], verdict: Exit) -> Exit:

@@ -148,7 +148,7 @@ HEALTH_STEPS = {
 
 
 def place(facts: VehicleFacts, mission: Mission, vehicle: MissionVehicle) -> Iterator[Finding]:
-    """Check that the vehicle has a position, and that it is at its start in the mission.
+    """Check that the vehicle has a position, and that it is at its start in the mission; in the air it is elsewhere.
 
     In a local frame the mission defines the vehicle's origin: then that is not checked.
     """
@@ -157,8 +157,9 @@ def place(facts: VehicleFacts, mission: Mission, vehicle: MissionVehicle) -> Ite
         return
     if not mission.frame.local:
         yield _far(facts, hypot(facts.origin_m[0], facts.origin_m[1]))
-    yield _start(facts, vehicle, _off_start(facts.position_m, vehicle))
-    yield _height(facts, vehicle, facts.position_m[2])
+    if not facts.status.in_air:
+        yield _start(facts, vehicle, _off_start(facts.position_m, vehicle))
+        yield _height(facts, vehicle, facts.position_m[2])
 
 
 def _far(facts: VehicleFacts, away_m: float) -> Finding:
@@ -406,8 +407,9 @@ def _compass_point(north_m: float, east_m: float) -> str:
 
 
 def together(mission: Mission, team: Sequence[VehicleFacts]) -> Iterator[Finding]:
-    """Check the vehicles against each other, as far as their positions and clocks are known."""
-    placed = {each.vehicle_id: each.position_m for each in team if each.position_m is not None}
+    """Check the vehicles against each other, as far as their clocks and their positions on the ground are known."""
+    standing = [each for each in team if not each.status.in_air]
+    placed = {each.vehicle_id: each.position_m for each in standing if each.position_m is not None}
     settled = all(each.is_ready for each in team)
     if len(placed) > 1:
         yield _agreement(mission, placed, settled=settled)

@@ -137,7 +137,7 @@ ANSWERS: Mapping[str, tuple[str, ...]] = {
     ),
     "returning": ("holds", RETURNING, "lands", "was returning to land already", f"holds{IN_5_S}", RETURNING, RETURNING),
     "stopped": (
-        "was holding already", "refused: the operator ends the flight", "lands", RETURNS,
+        "was holding already", "refused: the operator ends the flight: rtl brings it home", "lands", RETURNS,
         "was holding already, lands in 5 s", OVER, OVER,
     ),
     "mission over, held": (

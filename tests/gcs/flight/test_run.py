@@ -15,6 +15,7 @@ from gcs.link.ports import added_text
 from gcs.mission.file import load_mission
 
 MISSION = load_mission("case2")
+TYPED = "case2", ("network.team=blue",)
 COMPLETED = Outcome(FlightEnd.LANDED, flew=True)
 REFUSED = Outcome(FlightEnd.REFUSED, "arming was denied", "see its preflight messages")
 
@@ -69,7 +70,7 @@ def test_the_command_that_reaches_a_joined_vehicle_is_named_if_its_process_was_k
     tmp_path.chmod(0o700)
     url = "udpin://127.0.0.1:14999"
     program = (
-        "import time\n"
+        "import sys\n"
         "from contextlib import suppress\n"
         "from gcs.link.ports import Claims\n"
         "from gcs.mission.file import enlarged_mission, load_mission\n"
@@ -77,19 +78,19 @@ def test_the_command_that_reaches_a_joined_vehicle_is_named_if_its_process_was_k
         "with suppress(KeyboardInterrupt), Claims() as claims:\n"
         "    claims.show_added(enlarged_mission(load_mission('case2'), vehicle))\n"
         "    print(flush=True)\n"
-        "    time.sleep(600)\n"
+        "    sys.stdin.read()\n"
     )
-    with subprocess.Popen([sys.executable, "-c", program], stdout=subprocess.PIPE) as flies:
+    with subprocess.Popen([sys.executable, "-c", program], stdin=subprocess.PIPE, stdout=subprocess.PIPE) as flies:
         assert flies.stdout is not None
         flies.stdout.readline()
-        report_abandoned(MISSION)
+        report_abandoned(MISSION, *TYPED)
         before, shown = capsys.readouterr().err, added_text(MISSION)
         flies.send_signal(ended_by)
     assert before == "", "it flies"
     assert shown is not None
-    report_abandoned(MISSION)
+    report_abandoned(MISSION, *TYPED)
     said = " ".join(capsys.readouterr().err.split())
     assert added_text(MISSION) is None
-    command = f"`cordon recover MISSION --add 4 --only 4 --start 0,-8 --url {url}`"
+    command = f"`cordon recover case2 --set network.team=blue --add 4 --only 4 --start 0,-8 --url {url}`"
     assert (command in said) is (ended_by is signal.SIGKILL), said
     assert ("vehicle 4 had joined this flight" in said) is (ended_by is signal.SIGKILL)

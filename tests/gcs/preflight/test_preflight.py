@@ -321,6 +321,11 @@ def test_what_is_not_well_with_its_status(subtests: pytest.Subtests) -> None:
             assert [(grade, check) for grade, _, check in grave(findings)] == expected
 
 
+def test_the_place_of_a_vehicle_in_the_air_is_no_second_fault() -> None:
+    flies = structs.replace(well(2).status, in_air=True)
+    assert [check for _, _, check in grave(team(status=flies, position_m=(40.0, 25.0, 8.0)))] == ["armed"]
+
+
 def test_all_batteries_are_listed_and_one_that_is_not_estimated_is_not_empty() -> None:
     def found(charge: float | None, *batteries: BatteryReport) -> tuple[str, str]:
         status = structs.replace(well(2).status, battery=charge)
