@@ -41,7 +41,15 @@ from estimation.state import POSITION, VELOCITY, Vector
 from estimation.vectors import Pair
 
 _OFF_THE_RING = frozenset(
-    each.value for each in (Tactic.HOLD, Tactic.ASIDE, Tactic.RETURN_AND_LAND, Tactic.LAND, Tactic.PILOT_OVERRIDE)
+    each.value
+    for each in (
+        Tactic.STANDBY,
+        Tactic.HOLD,
+        Tactic.ASIDE,
+        Tactic.RETURN_AND_LAND,
+        Tactic.LAND,
+        Tactic.PILOT_OVERRIDE,
+    )
 )
 """Members in these tactics stay where they are, or cross the ring on their way home, and the ring bends around them."""
 

@@ -29,7 +29,9 @@ _MEETS: Final = 1.5
 """Prediction time, and distance in separations, within which others need this vehicle's states at the full rate."""
 _ENCIRCLES = Tactic.ENCIRCLE.value
 _TO_A_RING = (Tactic.ENCIRCLE.value, Tactic.TRANSIT.value)
-_DOES_NOT_EVADE = (Tactic.LAND.value, Tactic.PILOT_OVERRIDE.value)
+_STANDBY = Tactic.STANDBY.value
+_DOES_NOT_EVADE = (_STANDBY, Tactic.LAND.value, Tactic.PILOT_OVERRIDE.value)
+"""In standby its autopilot flies it: it takes off, or hovers until it is taken. It follows no setpoint."""
 
 
 def ring_bands_m(config: AgentConfig) -> list[Pair]:
@@ -161,8 +163,8 @@ class Neighbours:
 
         On a ring with heights of its own these change: a vehicle that `encircles` and all others then keep apart at any
         height. In a mission of several rings they keep apart unless their heights stay apart, which for each are those
-        from where it is to its ring's. A vehicle that lands, is lost, is doubtful, or is flown by a pilot is not
-        expected to evade.
+        from where it is to its ring's. A vehicle in standby, or that lands, is lost, is doubtful, or is flown by a
+        pilot is not expected to evade.
         """
         members = [
             (member, member.tactic not in _DOES_NOT_EVADE and member.sender not in doubtful) for member in states
@@ -204,7 +206,8 @@ class Neighbours:
         safety, it = self._safety, member.numbers
         separation_m, age_s = safety.separation_m, situation.now_s - it.time_s
         ahead_s = min(situation.acting_s - it.time_s, GOING_ON_S)
-        (place_x, place_y), (its_x_rate, its_y_rate), (aim_x, aim_y) = it.position_m, it.velocity_m_s, it.aim_m
+        (place_x, place_y), (its_x_rate, its_y_rate) = it.position_m, it.velocity_m_s
+        aim_x, aim_y = it.position_m if member.tactic == _STANDBY else it.aim_m
         x, x_rate, x_acceleration = self._ahead(0, place_x, its_x_rate, aim_x, ahead_s)
         y, y_rate, y_acceleration = self._ahead(1, place_y, its_y_rate, aim_y, ahead_s)
         moved_m = UNPUBLISHED_ACCELERATION_M_S2 / 2.0 * min(age_s, GOING_ON_S) ** 2

@@ -313,7 +313,8 @@ class Agent:
         return self._start_agreement.refusal
 
     def look(self) -> None:
-        """Let the core of a vehicle that stands by tick once: its status then has the peers."""
+        """Let the core of a vehicle that stands by tick once: its status then has the peers, which receive its state."""
+        self._core.take(TimeScale(max(self._clock.time_scale, 1.0)))
         self._loop.tick_only()
 
     async def fly_again(self, duration_s: float, stop: Stop) -> Outcome:

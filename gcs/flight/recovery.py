@@ -6,7 +6,7 @@ from collections.abc import Collection, Sequence
 from dataclasses import replace
 
 from agents.ports import VehicleRefusedError
-from agents.team.messages import BusMessage, VehicleReport
+from agents.team.messages import TOPICS, BusMessage, MemberState, VehicleReport
 from gcs.console.live import LiveView
 from gcs.console.team_bus import guest_bus, observer
 from gcs.errors import InputError
@@ -31,7 +31,7 @@ _LAYER_SHARE = 1.25
 LEFT_TO_PILOT = "its pilot kept it, as it was when it was found"
 _REPORTS_S = 3.0
 """A vehicle reports everything within this time [wall s]."""
-_MEETS_S = 2.0
+_MEETS_S = 3.0
 """How long clocks are compared with others in flight, and their answers awaited [wall s]: they send five a second."""
 _LISTENS_S = 2.5
 """How long a flight that still runs is listened for on the bus [wall s]: its vehicles send states and reports."""
@@ -100,13 +100,19 @@ async def prepare_recovery(team: FlightTeam, recovery: TeamRecovery, report: Fin
 async def _meet_others(team: FlightTeam, *, beside: bool) -> None:
     """Introduce a vehicle that the mission adds, and compare clocks and missions with others that fly `beside`.
 
-    Raises VehicleRefusedError if these differ: it would not receive where the others are.
+    These may have stopped to avoid the place of a vehicle that fell silent: they receive where it is for a while before
+    it is taken, and keep clear of it. Raises VehicleRefusedError if clocks or missions differ: it would not receive
+    where the others are.
     """
     added = next((each for each in team.members if each.vehicle.id == team.plan.mission.added), None)
     answers = {} if added is None else added.agent.introduce(announcement(added.vehicle))
     if not beside:
         return
-    await team.clock.sleep(_MEETS_S * team.clock.time_scale)
+    end_s = team.clock.now_s() + _MEETS_S * team.clock.time_scale
+    while team.clock.now_s() < end_s:
+        for agent in team.agents:
+            agent.look()
+        await team.clock.sleep(TOPICS[MemberState].period_s)
     if refusal := next(filter(None, (agent.start_refusal for agent in team.agents)), None):
         raise VehicleRefusedError(f"nothing was sent to the vehicles: {refusal.reason}", refusal.next_step)
     if added is not None and (silent := sorted(added.agent.clock_lags_s.keys() - answers.keys())):

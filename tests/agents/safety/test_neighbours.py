@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import replace
-from math import hypot
+from math import hypot, inf
 
 import numpy as np
 import pytest
@@ -112,14 +112,18 @@ def test_who_is_silent_goes_on_for_a_while_only() -> None:
         assert (body.velocity_m_s, body.acceleration_m_s2) == (STILL, STILL)
 
 
-@pytest.mark.parametrize(("tactic", "shares"), [("formation", True), ("land", False), ("pilot override", False)])
+@pytest.mark.parametrize(
+    ("tactic", "shares"), [("formation", True), ("standby", False), ("land", False), ("pilot override", False)]
+)
 def test_who_lands_or_is_flown_by_somebody_else_bears_no_half(tactic: str, shares: bool) -> None:
     (heard,) = Neighbours(CONFIG).bodies(situation(10.0), [member(tactic=tactic)], [])
     (lost,) = Neighbours(CONFIG).bodies(situation(10.0), [], [member(tactic=tactic)])
     assert (heard.shares, lost.shares) == (shares, False)
 
 
-@pytest.mark.parametrize(("tactic", "more_m"), [("hold", 0.0), ("land", 1.0), ("pilot override", 1.0)])
+@pytest.mark.parametrize(
+    ("tactic", "more_m"), [("hold", 0.0), ("standby", 1.0), ("land", 1.0), ("pilot override", 1.0)]
+)
 def test_from_one_that_does_not_evade_the_guard_keeps_what_a_plant_that_is_off_takes(
     tactic: str, more_m: float, make_config: Maker
 ) -> None:
@@ -127,6 +131,36 @@ def test_from_one_that_does_not_evade_the_guard_keeps_what_a_plant_that_is_off_t
     config = make_config(safety={"barrier_rate_per_s": 0.6})
     (body,) = Neighbours(config).bodies(situation(10.0, 0.0), [member(tactic=tactic)], [])
     assert body.distance_m - config.safety.separation_m == pytest.approx(more_m * UNMODELLED_M_S2 / 0.36)
+
+
+@settings(max_examples=25, deadline=None)
+@given(
+    aside_m=st.floats(-3.0, 3.0),
+    speed_m_s=st.floats(0.5, 2.0),
+    off=st.tuples(st.floats(0.85, 1.15), st.floats(0.85, 1.15)),
+    delay_s=st.sampled_from([0.0, 0.1, 0.2]),
+)
+def test_a_vehicle_passes_one_that_its_autopilot_holds_until_it_is_taken_with_the_separation(
+    make_config: Maker, aside_m: float, speed_m_s: float, off: tuple[float, float], delay_s: float
+) -> None:
+    """The guard of the one that hovers moves its setpoint away, as it published it before, and it does not follow."""
+    config = make_config(safety={"separation_m": 3.0})
+    neighbours, guard = Neighbours(config), Guard(config)
+    x, y = [
+        replace(each, a0_per_s2=each.a0_per_s2 * off[0], a1_per_s=each.a1_per_s * off[1]) for each in (STUB.x, STUB.y)
+    ]
+    plant = exact_step(replace(STUB, x=x, y=y), 0.1)
+    motion, nearest_m = np.array([-12.0, 0.0, 0.0, 0.0]), inf
+    for tick in range(round(24.0 / speed_m_s / 0.1)):
+        now_s, lead_m = 10.0 + 0.1 * tick, speed_m_s * STUB.x.a1_per_s / STUB.x.a0_per_s2
+        hovers = member(now_s - delay_s, "standby", (0.0, aside_m), setpoint=(1.0, aside_m), altitude_m=HEIGHT_M)
+        own = OwnEstimate(now_s, np.array((*motion, 0.0, 0.0)), own_spread(0.0, 0.0))
+        here = Situation(now_s, now_s, own, motion, np.zeros(2), None, None, None, height_m=HEIGHT_M)
+        wanted = np.array([-12.0 + speed_m_s * 0.1 * tick + lead_m, 0.0])
+        aim_m = guard.check(here, wanted, neighbours.bodies(here, [hovers], [])).aim_m
+        motion = plant.advance(motion, aim_m, np.zeros(2))
+        nearest_m = min(nearest_m, hypot(motion[0], motion[1] - aside_m))
+    assert nearest_m >= config.safety.separation_m
 
 
 @pytest.mark.parametrize(("above_m", "counts"), [(1.9, 1), (-1.9, 1), (2.0, 0), (-2.5, 0)])
