@@ -313,7 +313,7 @@ class Agent:
         return self._start_agreement.refusal
 
     def look(self) -> None:
-        """Let the core of a vehicle that stands by tick once: its status then has the peers, which receive its state."""
+        """Let the core of a vehicle that stands by tick once: its status has the peers, and they receive its state."""
         self._core.take(TimeScale(max(self._clock.time_scale, 1.0)))
         self._loop.tick_only()
 
