@@ -150,11 +150,16 @@ class FlightTeam:
         return mission if added is None else joined_mission(mission, *added)
 
     def begin_vehicle(self, facts: VehicleFacts) -> None:
-        """Record what is known of a vehicle before take-off, and its kind; nothing of one that is not received."""
+        """Record what is known of a vehicle before take-off, its kind, and from now on its true motion, if a simulator
+        sends it; nothing of one that is not received.
+        """
         if facts.unreachable is not None:
             return
         self.recording.begin_vehicle(facts)
         self.kinds[facts.vehicle_id] = facts.kind.value
+        for member in self.members:
+            if member.vehicle.id == facts.vehicle_id and member.link.truth is not None:
+                member.link.truth.on_sample = partial(self.recording.truth, facts.vehicle_id)
 
     def equip(self, hub: MavsdkHub, heartbeat: Callable[[int], Heartbeat]) -> None:
         """Create the links and the agents of all vehicles of this process, not yet connected.
@@ -185,10 +190,7 @@ class FlightTeam:
             view_rad=None if vehicle.section.gimbal is None else radians(vehicle.section.gimbal.view_deg),
             traffic=mission.safety.traffic_distance_m > 0.0,
         )
-        link = CheckedLink(hub, config, clock)
-        if link.truth is not None:
-            link.truth.on_sample = partial(self.recording.truth, vehicle.id)
-        return link
+        return CheckedLink(hub, config, clock)
 
     def _located_from_outside(self, vehicle: MissionVehicle) -> bool:
         """Return whether a vehicle needs external positions; the stubs of a flight do not."""

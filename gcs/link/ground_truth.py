@@ -17,7 +17,8 @@ STALE_S = 2.0
 class GroundTruth:
     """Collects one vehicle's true motions in the mission frame, as `samples` on the mission clock `now_s`.
 
-    `on_sample` receives each of them. Simulators send positions on Earth: the frame must not be local.
+    `on_sample` receives each of them; none is collected before it is set, which has to wait for the clock's speed.
+    Simulators send positions on Earth: the frame must not be local.
     """
 
     def __init__(self, system_id: int, frame: MissionFrame, now_s: Callable[[], float]) -> None:
@@ -36,15 +37,14 @@ class GroundTruth:
         return extrapolated_m(self.samples[-1], now_s) if self.samples else None
 
     def _take(self, message: TruthMessage, received: Any) -> None:
-        if received.system_id != self._system_id:
+        if self.on_sample is None or received.system_id != self._system_id:
             return
         with suppress(ValueError, KeyError, TypeError):  # malformed bytes are dropped here
             fields = json.loads(received.fields_json)
             velocity_m_s = self._frame.mission_from_ned(message.velocity_ned_m_s(fields))
             position_m = self._frame.mission_from_geodetic(Geodetic(*message.place(fields)))
             self.samples.append(Telemetry(self._now_s(), position_m, velocity_m_s))
-            if self.on_sample is not None:
-                self.on_sample(self.samples[-1])
+            self.on_sample(self.samples[-1])
 
 
 def extrapolated_m(motion: Telemetry, now_s: float) -> tuple[float, float] | None:

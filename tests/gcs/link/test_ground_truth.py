@@ -31,7 +31,9 @@ class Link:
 
     def __init__(self, message: TruthMessage) -> None:
         self.now_s = 50.0
+        self.taken: list[Telemetry] = []
         self.truth = GroundTruth(SYSTEM, FRAME, lambda: self.now_s)
+        self.truth.on_sample = self.taken.append
         self.truth.subscribe(self, message, lambda take: take)
 
     def subscribe_message(self, name: str, take: Any) -> None:
@@ -46,17 +48,25 @@ def test_place_and_velocity_are_in_the_mission_frame(subtests: pytest.Subtests) 
     for message, fields in ((px4.AUTOPILOT.truth, PX4_FIELDS), (ardupilot.AUTOPILOT.truth, ARDUPILOT_FIELDS)):
         with subtests.test(message.name):
             link = Link(message)
-            taken: list[Telemetry] = []
-            link.truth.on_sample = taken.append
             link.receive(dict(fields))
             assert link.name == message.name
             (sample,) = link.truth.samples
-            assert taken == [sample]
+            assert link.taken == [sample]
             assert sample.time_s == 50.0
             assert sample.position_m == pytest.approx((0.0, 11.12, 8.0), abs=0.01)
             assert sample.velocity_m_s == pytest.approx((-0.2, 1.5, -0.1))
             assert link.truth.position_m(51.0) == pytest.approx((-0.2, 12.62), abs=0.01)
             assert link.truth.position_m(52.1) is None
+
+
+def test_nothing_is_collected_before_the_speed_of_the_clock_is_known() -> None:
+    """At half the wall's speed the clock jumps back by half of all seconds since 1970 once that is measured."""
+    link = Link(px4.AUTOPILOT.truth)
+    link.truth.on_sample, link.now_s = None, 100.0
+    link.receive(dict(PX4_FIELDS))
+    link.truth.on_sample, link.now_s = link.taken.append, 50.0
+    link.receive(dict(PX4_FIELDS))
+    assert [each.time_s for each in link.truth.samples] == [50.0]
 
 
 def test_a_place_that_is_exact_to_half_a_metre_only_is_no_truth() -> None:
