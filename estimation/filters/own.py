@@ -10,10 +10,11 @@ If the model is right, the squared innovation, normalised by its covariance, ave
 """
 
 from bisect import bisect_right
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from functools import lru_cache, partial
 from math import cos, exp, hypot, inf, sin
 from typing import Final
+from weakref import WeakValueDictionary
 
 import msgspec
 import numpy as np
@@ -100,7 +101,7 @@ class OwnFilter:
         # Read in every tick: as a machine number each costs a tenth of a setting.
         self._outlier_squared, self._gate_timeout_s = settings.gate_sigma**2, settings.gate_timeout_s
         self._disturbance_max_m_s2 = settings.disturbance_max_m_s2
-        self._steps = lru_cache(maxsize=1024)(partial(_steps, plant, settings))
+        self._steps = _shared_steps(plant, settings)
         self._inputs = _InputHistory(plant.delay_s)
         self._plant_delay_s = plant.delay_s
         self._axes: Axes | None = None
@@ -401,6 +402,22 @@ class _InputHistory:
             return ((from_s, to_s, self._setpoint_m[last]),)
         edges = [from_s, *self._from_s[first + 1 : last + 1], to_s]
         return zip(edges, edges[1:], self._setpoint_m[first : last + 1], strict=False)
+
+
+_Steps = Callable[[bool, float], tuple[AxialStep, AxialStep]]
+_STEPS: "WeakValueDictionary[tuple[Plant, OwnFilterSettings], _Steps]" = WeakValueDictionary()
+
+
+def _shared_steps(plant: Plant, settings: OwnFilterSettings) -> _Steps:
+    """Return the steps of a plant, of which the latest are kept, for all filters of this process that have it.
+
+    A step takes a kilobyte. Telemetry in flight comes at uneven times, and there are hundreds of steps.
+    """
+    key = plant, settings
+    known = _STEPS.get(key)
+    if known is None:
+        known = _STEPS[key] = lru_cache(maxsize=4096)(partial(_steps, plant, settings))
+    return known
 
 
 def _steps(

@@ -7,8 +7,10 @@ import subprocess
 import sys
 import threading
 from contextlib import suppress
+from math import inf
 from multiprocessing import Pipe
 from pathlib import Path
+from time import monotonic
 from typing import Any, NamedTuple
 
 from msgspec import Raw, msgpack
@@ -70,8 +72,11 @@ class BatchReader:
         return self._records[row.kind].decode(row.record)
 
 
-BATCH_RECORDS = 50
-"""The records of three vehicles in 0.1 s; at 32 vehicles less than the connection's buffer."""
+BATCH_RECORDS, BATCH_RECORDS_MAX = 50, 400
+"""The records of a batch: those of three vehicles in 0.1 s, and the most, less than the connection's buffer."""
+BATCH_PERIOD_S = 0.02
+"""The least time between two batches of fewer records than the most: each gives the interpreter lock away, and gets it
+again after five milliseconds or more while other threads hold it all the time, as with 64 vehicles."""
 _PROGRAM = "gcs.flight.log_program"
 _ENDED = "the process that writes it has ended"
 
@@ -105,6 +110,7 @@ class LogProcess:
         """Start it; raises OSError when the file cannot be opened, VehicleRefusedError when the address is taken."""
         self.path = request.path
         self._batch = Batch()
+        self._sent_s = -inf
         self._failure = ""
         self._connection, theirs = Pipe()
         with theirs:
@@ -143,8 +149,10 @@ class LogProcess:
     def write(self, vehicle_id: int, number: int, log_time_ns: int, record: object) -> None:
         """Write a vehicle's record, or one of the whole run with vehicle 0."""
         self._batch.add(vehicle_id, number, log_time_ns, record)
-        if len(self._batch) == BATCH_RECORDS:
+        waiting = len(self._batch)
+        if waiting >= BATCH_RECORDS and (waiting >= BATCH_RECORDS_MAX or monotonic() - self._sent_s >= BATCH_PERIOD_S):
             self._send(self._batch.take())
+            self._sent_s = monotonic()
 
     def flush(self) -> None:
         """Pass all that has been written to the operating system."""

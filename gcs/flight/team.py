@@ -333,10 +333,8 @@ class FlightTeam:
 
     def _received_truth(self) -> tuple[TruthTrack, ...]:
         """Return the true motions that the vehicles' simulators sent; real vehicles send none."""
-        truths = ((member.vehicle.system_id, member.link.truth) for member in self.members)
-        return tuple(
-            TruthTrack.of(each, truth.samples) for each, truth in truths if truth is not None and truth.samples
-        )
+        truths = (member.link.truth for member in self.members)
+        return tuple(truth.track() for truth in truths if truth is not None and truth.newest is not None)
 
     def complete(self, stubs: StubRecord | None, record: FlightRecord | None, outcomes: Mapping[int, Outcome]) -> None:
         """Add to the log what is known once the flight is over."""

@@ -32,10 +32,14 @@ QUEUE_MAX = 100_000
 SLICE_ITEMS, SLICE_PAUSE_S = 25, 2e-4
 """The thread pauses after this many items: a control loop that waits for the interpreter lock gets it within a
 millisecond; the interpreter itself would switch threads after five."""
+BACKLOG_SHARE = 20
+"""A slice is at least this part of what waits: while the lock is held all the time, the thread gets it rarely, once in
+five milliseconds, and writes as much as has come since. Otherwise what waits grows by megabytes a second until it is
+lost."""
 TOGETHER_MAX = 256
 """Messages in one record."""
-CARRIED_KEPT = 8192
-"""Messages whose numbers are kept: all cores receive a message within a tick, this covers seconds."""
+CARRIED_KEPT = 2048
+"""Messages whose numbers are kept, 4 kB each: all cores receive a message within a tick, this covers seconds of 64."""
 
 _Item = tuple[int, int, float, object]
 """A vehicle's id (0: the run), the number and time of the record, and the record or the item that becomes one."""
@@ -111,6 +115,10 @@ class Recorder:
         if self._eventful:
             self._flush()
         return bool(self._queue)
+
+    def drain_slice(self) -> bool:
+        """Write as many waiting records as the interpreter lock may be held for; return whether some still wait."""
+        return self.drain(max(SLICE_ITEMS, len(self._queue) // BACKLOG_SHARE))
 
     def _drain(self, most: int = QUEUE_MAX) -> None:
         queue, speed = self._queue, self._speed()
@@ -216,7 +224,7 @@ class RecorderThread:
     def _record(self) -> None:
         flushed_s = monotonic()
         while not self._ended.wait(DRAIN_PERIOD_S):
-            while self._recorder.drain(SLICE_ITEMS) and not self._ended.is_set():
+            while self._recorder.drain_slice() and not self._ended.is_set():
                 sleep(SLICE_PAUSE_S)
             if monotonic() - flushed_s >= FLUSH_PERIOD_S:
                 self._recorder.flush()

@@ -7,11 +7,12 @@ from dataclasses import dataclass, field
 from math import ceil, floor, inf
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from estimation.frames import MissionFrame, Triple
 from estimation.plant.model import Plant
 from estimation.profile.autopilots import DEFAULT, AutopilotName
-from estimation.state import Telemetry, Vector
+from estimation.state import Vector
 from sitl.autopilot.airframe import STEP_S
 from sitl.autopilot.autopilot import Battery, MavResult, Positioning, autopilot_named
 from sitl.autopilot.guidance import PositionTarget
@@ -96,11 +97,10 @@ class TruthTrack:
     velocity_m_s: Vector
 
     @classmethod
-    def of(cls, vehicle_id: int, motions: Sequence[Telemetry]) -> "TruthTrack":
-        """Return the track of at least one true motion."""
-        time_s = np.array([each.time_s for each in motions])
-        position_m = np.array([each.position_m for each in motions])
-        return cls(vehicle_id, time_s, position_m, np.array([each.velocity_m_s for each in motions]))
+    def of(cls, vehicle_id: int, numbers: ArrayLike) -> "TruthTrack":
+        """Return the track of true motions, whose times, positions and velocities follow one another."""
+        rows = np.array(numbers).reshape(-1, 7)
+        return cls(vehicle_id, rows[:, 0], rows[:, 1:4], rows[:, 4:7])
 
 
 @dataclass(frozen=True, slots=True)
@@ -333,8 +333,7 @@ class Stub:
 
     def track(self) -> TruthTrack:
         """Return the true track so far."""
-        rows = np.array(self._truth).reshape(-1, 7)
-        return TruthTrack(self.config.vehicle_id, rows[:, 0], rows[:, 1:4], rows[:, 4:7])
+        return TruthTrack.of(self.config.vehicle_id, self._truth)
 
     def dropped(self) -> dict[str, int]:
         """Return the counts of messages dropped so far, by reason."""

@@ -1,5 +1,6 @@
 """A vehicle's own filter against batch least squares, its Riccati equation, statistics of simulated truth; trouble."""
 
+import tracemalloc
 from collections.abc import Callable
 
 import msgspec
@@ -332,3 +333,21 @@ def test_a_shift_of_the_frame_shifts_estimate_and_setpoints() -> None:
     np.testing.assert_allclose(second_predicted, first_predicted, atol=1e-9)
     assert second_aim == pytest.approx(first_aim)
     assert resets == 0
+
+
+# Memory
+
+
+def test_filters_of_one_plant_share_what_follows_from_its_steps() -> None:
+    """Telemetry in flight comes at uneven times: each filter on its own kept a kilobyte for each of them."""
+    grown = []
+    filters = [OwnFilter(PLANT, SETTINGS) for _ in range(2)]
+    times_s = np.cumsum(np.arange(0.02, 0.42, 0.001)).tolist()
+    for own in filters:
+        tracemalloc.start()
+        for time_s in times_s:
+            own.measure(telemetry(time_s, np.zeros(4)))
+            own.command(time_s, np.zeros(2))
+        grown.append(tracemalloc.get_traced_memory()[0])
+        tracemalloc.stop()
+    assert grown[0] > 200_000 > 10 * grown[1]

@@ -282,9 +282,7 @@ class _VehicleReader:
         known = self._truth[False] or self._truth[True]
         if not known:
             return None
-        rows = np.array(known)
-        system_id = mission.vehicle(self.vehicle_id).system_id
-        return TruthTrack(system_id, rows[:, 0], rows[:, 1:4], rows[:, 4:7])
+        return TruthTrack.of(mission.vehicle(self.vehicle_id).system_id, known)
 
     def evidence(self, start_s: float, speed: float) -> VehicleEvidence:
         """Return the evidence of the vehicle, with times since `start_s`; ages are in wall seconds."""

@@ -10,6 +10,7 @@ import pytest
 
 from agents.inputs import Tick
 from agents.ports import VehicleRefusedError
+from gcs.flight import log_process
 from gcs.flight.log_process import LogProcess, LogRequest
 from gcs.flightlog.container import LogError
 from gcs.flightlog.reader import read_log
@@ -64,6 +65,26 @@ def test_a_flight_is_written_as_if_by_its_own_process(tmp_path: Path) -> None:
     assert {
         i: [(each.kind, each.time_ns, each.payload) for each in records] for i, records in sent.vehicles.items()
     } == {i: [(each.kind, each.time_ns, each.payload) for each in records] for i, records in direct.vehicles.items()}
+
+
+def test_records_that_come_fast_are_sent_in_few_batches(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Each batch gives the interpreter lock away, for milliseconds where many vehicles fly."""
+    now_s, sent = 0.0, list[float]()
+    monkeypatch.setattr(log_process, "monotonic", lambda: now_s)
+    log = opened(tmp_path / "log.mcap")
+    send = log._send
+
+    def counted(*frames: bytes) -> None:
+        sent.append(now_s)
+        send(*frames)
+
+    monkeypatch.setattr(log, "_send", counted)
+    for number in range(2 * RECORDS):  # 10 000 a second
+        now_s = number * 1e-4
+        log.write(1, number + 1, number, Tick(float(number)))
+    assert 4 <= len(sent) <= 7
+    log.close()
+    assert [each.read(Tick).now_s for each in read_log(tmp_path / "log.mcap").vehicles[1]] == list(range(2 * RECORDS))
 
 
 def test_a_log_is_completed_when_the_flying_process_is_killed(tmp_path: Path) -> None:

@@ -1,6 +1,7 @@
 """A simulator's truth from the fields of its message, and what a sensor makes of it."""
 
 import json
+import tracemalloc
 from math import hypot, radians
 from types import SimpleNamespace
 from typing import Any
@@ -13,7 +14,7 @@ from estimation.state import Sighting, Telemetry
 from gcs.autopilots import ardupilot, px4
 from gcs.autopilots.autopilot import TruthMessage
 from gcs.flight.team import TrueSensor
-from gcs.link.ground_truth import GroundTruth
+from gcs.link.ground_truth import RATE_HZ, GroundTruth
 from sitl.world import SensorModel, SimulatedSensor, SimulatedSensors, TargetMotion
 
 FRAME = MissionFrame(Geodetic(47.397742, 8.545594, 488.0), x_bearing_rad=radians(90.0))
@@ -24,6 +25,9 @@ ARDUPILOT_FIELDS = {
     "lat": 4.7e8, "lon": 8.5e7, "alt": 496.0, "vn": 1.5, "ve": -0.2, "vd": 0.1,
     "lat_int": 473978420, "lon_int": 85455940,
 }  # fmt: skip
+
+
+MOTIONS = 500
 
 
 class Link:
@@ -50,8 +54,8 @@ def test_place_and_velocity_are_in_the_mission_frame(subtests: pytest.Subtests) 
             link = Link(message)
             link.receive(dict(fields))
             assert link.name == message.name
-            (sample,) = link.truth.samples
-            assert link.taken == [sample]
+            (sample,) = link.taken
+            assert link.truth.newest == sample
             assert sample.time_s == 50.0
             assert sample.position_m == pytest.approx((0.0, 11.12, 8.0), abs=0.01)
             assert sample.velocity_m_s == pytest.approx((-0.2, 1.5, -0.1))
@@ -66,13 +70,33 @@ def test_nothing_is_collected_before_the_speed_of_the_clock_is_known() -> None:
     link.receive(dict(PX4_FIELDS))
     link.truth.on_sample, link.now_s = link.taken.append, 50.0
     link.receive(dict(PX4_FIELDS))
-    assert [each.time_s for each in link.truth.samples] == [50.0]
+    assert link.truth.track().time_s.tolist() == [50.0]
+
+
+def test_the_track_has_each_true_motion_and_takes_a_fraction_of_their_memory() -> None:
+    link = Link(px4.AUTOPILOT.truth)
+    link.truth.on_sample = lambda _: None
+    link.receive(dict(PX4_FIELDS))
+    tracemalloc.start()
+    for step in range(1, MOTIONS):
+        link.now_s = 50.0 + step / RATE_HZ
+        link.receive({**PX4_FIELDS, "vx": step})
+    grown = tracemalloc.get_traced_memory()[0]
+    tracemalloc.stop()
+    assert grown < 80 * MOTIONS, f"{grown / MOTIONS:.0f} bytes for each motion of seven numbers"
+    link.truth.on_sample = link.taken.append
+    link.receive({**PX4_FIELDS, "vx": 7})
+    track, (sample,) = link.truth.track(), link.taken
+    assert track.vehicle_id == SYSTEM
+    assert track.time_s.tolist() == [50.0 + step / RATE_HZ for step in range(MOTIONS)] + [link.now_s]
+    assert (tuple(track.position_m[-1]), tuple(track.velocity_m_s[-1])) == (sample.position_m, sample.velocity_m_s)
+    assert track.velocity_m_s[7].tolist() == track.velocity_m_s[-1].tolist() != track.velocity_m_s[8].tolist()
 
 
 def test_a_place_that_is_exact_to_half_a_metre_only_is_no_truth() -> None:
     link = Link(ardupilot.AUTOPILOT.truth)
     link.receive({**ARDUPILOT_FIELDS, "lat": 47.397842, "lon": 8.545594, "lat_int": 0, "lon_int": 0})
-    assert link.truth.samples == []
+    assert link.truth.newest is None
 
 
 def test_what_is_malformed_or_another_vehicles_is_dropped(subtests: pytest.Subtests) -> None:
@@ -88,7 +112,7 @@ def test_what_is_malformed_or_another_vehicles_is_dropped(subtests: pytest.Subte
         with subtests.test(words):
             link = Link(px4.AUTOPILOT.truth)
             link.receive(fields, system_id)
-            assert link.truth.samples == []
+            assert link.truth.newest is None
             assert link.truth.position_m(50.0) is None
 
 

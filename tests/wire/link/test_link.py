@@ -117,7 +117,8 @@ async def test_a_flight_from_connecting_to_landing_and_another_one() -> None:
             await clock.sleep(3.0)
             assert dist(telemetry[-1].position_m, start_m) < QUANTUM_M
             assert link.truth is not None
-            assert dist(link.truth.samples[-1].position_m, start_m) < QUANTUM_M
+            assert link.truth.newest is not None
+            assert dist(link.truth.newest.position_m, start_m) < QUANTUM_M
             for altitude_m in (9.0, 8.0):
                 await link.take_off(altitude_m)
                 assert (link.status.armed, link.status.in_air, link.status.mode) == (True, True, FlightMode.HOLD)
@@ -137,11 +138,12 @@ async def test_a_flight_from_connecting_to_landing_and_another_one() -> None:
     truth_m = mission.mission_from_geodetic(FRAME.geodetic_from_mission((truth[0], truth[1], truth[2])))
     assert dist(truth_m, (*goal_m[:2], 5.0)) < 0.05
     assert dist(truth_m, telemetry[-1].position_m) < QUANTUM_M
-    assert dist(truth_m, link.truth.samples[-1].position_m) < QUANTUM_M
-    fastest = max(link.truth.samples, key=lambda sample: hypot(*sample.velocity_m_s[:2]))
-    seen = min(telemetry, key=lambda sample: abs(sample.time_s - fastest.time_s))
-    assert hypot(*fastest.velocity_m_s[:2]) > 1.0
-    assert fastest.velocity_m_s == pytest.approx(seen.velocity_m_s, abs=0.3)
+    received = link.truth.track()
+    assert dist(truth_m, received.position_m[-1].tolist()) < QUANTUM_M
+    fastest = max(range(received.time_s.size), key=lambda place: hypot(*received.velocity_m_s[place, :2]))
+    seen = min(telemetry, key=lambda sample: abs(sample.time_s - received.time_s[fastest]))
+    assert hypot(*received.velocity_m_s[fastest, :2]) > 1.0
+    assert received.velocity_m_s[fastest].tolist() == pytest.approx(seen.velocity_m_s, abs=0.3)
     assert (link.dropped, link.unsent) == (0, 0)
 
 
