@@ -22,7 +22,8 @@ from sitl.autopilot.airframe import STEP_S
 from sitl.autopilot.autopilot import ESTIMATOR_READY_S
 from sitl.server.governed_clock import GovernedClock
 from sitl.server.process import StubProcess
-from sitl.server.server import TRUTH_STEPS, StubConfig, TruthTrack
+from sitl.server.record import TruthTrack
+from sitl.server.server import TRUTH_STEPS, StubConfig
 from sitl.server.shared_clock import ClockError, ClockName, Rank, new_clock
 
 _BETWEEN_SPEED = 1.0

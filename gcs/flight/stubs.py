@@ -1,11 +1,14 @@
-"""The mission's vehicles as stubs: those that `cordon sitl` serves and `cordon fly --sitl` starts."""
+"""The mission's vehicles as stubs: those that `cordon sitl` serves and `cordon fly --sitl` starts.
+
+A flight of other vehicles imports nothing that serves stubs: it takes ten megabytes.
+"""
 
 import asyncio
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import replace
 from functools import partial
-from typing import Self
+from typing import TYPE_CHECKING, Self
 from urllib.parse import urlsplit
 
 from agents.ports import VehicleRefusedError
@@ -18,20 +21,24 @@ from gcs.link.signing_keys import signing_keys
 from gcs.mission.mission import Mission, MissionVehicle
 from gcs.signals import relay
 from sitl.faults import VehicleInjection
-from sitl.mavlink.reports import EstimatorNoise
-from sitl.mavlink.signing import SigningKey
 from sitl.server.endpoint import StubClock
 from sitl.server.governed_clock import GovernedClock
-from sitl.server.process import StubProcess
-from sitl.server.server import StubConfig, StubRecord, serve
+from sitl.server.record import StubRecord
 from sitl.server.shared_clock import ClockError, ClockName, Rank, clock_of, new_clock
 
+if TYPE_CHECKING:
+    from sitl.server.process import StubProcess
+    from sitl.server.server import StubConfig
 
-def stub_configs(mission: Mission, ports: Mapping[int, int] | None = None) -> list[StubConfig]:
+
+def stub_configs(mission: Mission, ports: Mapping[int, int] | None = None) -> "list[StubConfig]":
     """Return one stub for each vehicle, on the ground at its start; it sends to the port of its url.
 
     With `ports`, by ids, these vehicles only, each to its port. Raises InputError for a url no stub can serve.
     """
+    from sitl.mavlink.reports import EstimatorNoise  # noqa: PLC0415
+    from sitl.server.server import StubConfig  # noqa: PLC0415
+
     ports = url_ports(mission, mission.ids) if ports is None else ports
     simulation = mission.simulation
     noise = EstimatorNoise(simulation.position_noise_m, simulation.velocity_noise_m_s)
@@ -77,12 +84,14 @@ def url_ports(mission: Mission, ids: Collection[int]) -> dict[int, int]:
     return {vehicle.id: urlsplit(vehicle.section.url).port or 0 for _, vehicle in stubs}
 
 
-def prepared_configs(mission: Mission, ids: Collection[int], time_scale: float) -> list[StubConfig]:
+def prepared_configs(mission: Mission, ids: Collection[int], time_scale: float) -> "list[StubConfig]":
     """Return the stubs of these vehicles, with failsafes and signing keys set as docs/hardware.md requires.
 
     For flights that start their own vehicles, `time_scale` of whose seconds pass in one of the link. Raises InputError
     when the keys cannot be read.
     """
+    from sitl.mavlink.signing import SigningKey  # noqa: PLC0415
+
     keys = {i: SigningKey(key, wall_ticks()) for i, key in signing_keys(mission).items()}
     return [
         replace(
@@ -100,8 +109,10 @@ def _origin_offset_m(vehicle: MissionVehicle) -> Triple:
     return x - start_x, y - start_y, z
 
 
-async def serve_until_ctrl_c(configs: Sequence[StubConfig], make_clock: Callable[[], StubClock]) -> None:
+async def serve_until_ctrl_c(configs: "Sequence[StubConfig]", make_clock: Callable[[], StubClock]) -> None:
     """Serve stubs until SIGINT or SIGTERM; raises OSError when a socket cannot be opened, ClockError."""
+    from sitl.server.server import serve  # noqa: PLC0415
+
     stop = asyncio.Event()
     loop = asyncio.get_running_loop()
     relay(lambda: loop.call_soon_threadsafe(stop.set))
@@ -150,13 +161,18 @@ def _clock_maker(clock: MissionClock) -> Callable[[], StubClock]:
     return partial(WallClock, clock.speed)
 
 
+def _stub_process(mission: Mission, ids: Collection[int], clock: MissionClock) -> "StubProcess":
+    from sitl.server.process import StubProcess  # noqa: PLC0415
+
+    return StubProcess(prepared_configs(mission, ids, clock.time_scale), _clock_maker(clock))
+
+
 class FlightStubs:
     """The stub vehicles that a flight starts itself; their record is available once they have been stopped."""
 
     def __init__(self, mission: Mission, ids: Collection[int], clock: MissionClock) -> None:
         """Prepare the stubs of these vehicles, or none."""
-        configs = prepared_configs(mission, ids, clock.time_scale)
-        self._process = StubProcess(configs, _clock_maker(clock)) if ids else None
+        self._process = _stub_process(mission, ids, clock) if ids else None
         self.record: StubRecord | None = None
 
     async def __aenter__(self) -> Self:

@@ -42,7 +42,7 @@ from gcs.preflight.computer import ComputerFacts, computer_facts
 from gcs.preflight.findings import VehicleFacts
 from gcs.preflight.link_facts import CheckedLink, unreachable
 from gcs.preflight.priority import RaisedPriority
-from sitl.server.server import StubRecord, TruthTrack
+from sitl.server.record import StubRecord, TruthTrack
 
 Place = Callable[[float], tuple[float, float] | None]
 """Returns a horizontal position in the mission frame at a time of the mission clock; None if it is unknown."""

@@ -13,7 +13,7 @@ from gcs.flightlog.audit import AuditEntry, AuditHead, AuditTrail
 from gcs.flightlog.recorder import Recorder, RecorderThread, RecordWriter, VehicleRecorder
 from gcs.flightlog.records import Cost, Parameter, Run, RunEnd, Truth, Vehicle, VehicleEnd
 from gcs.preflight.findings import VehicleFacts
-from sitl.server.server import TruthTrack
+from sitl.server.record import TruthTrack
 
 
 class Recording:

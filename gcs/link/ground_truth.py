@@ -9,7 +9,7 @@ from typing import Any
 from estimation.frames import Geodetic, MissionFrame
 from estimation.state import Telemetry
 from gcs.autopilots.autopilot import TruthMessage
-from sitl.server.server import TruthTrack
+from sitl.server.record import TruthTrack
 
 RATE_HZ = 10.0
 STALE_S = 2.0

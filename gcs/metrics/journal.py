@@ -35,7 +35,7 @@ from gcs.metrics.references import HEIGHT_SHARE
 from gcs.metrics.ring import LOST_AFTER_S
 from gcs.metrics.targets import ring_targets_of, targets_of
 from gcs.mission.mission import Mission, TargetSection
-from sitl.server.server import TruthTrack
+from sitl.server.record import TruthTrack
 
 _REJOIN = VERBS["rejoin"]
 

@@ -15,7 +15,8 @@ from typing import NamedTuple
 from estimation.frames import Triple
 from sitl.faults import VehicleInjection
 from sitl.server.endpoint import StubClock
-from sitl.server.server import Stub, StubConfig, StubRecord, serve
+from sitl.server.record import StubRecord
+from sitl.server.server import Stub, StubConfig, serve
 from sitl.server.shared_clock import ClockError
 from sitl.server.true_state import TrueState
 

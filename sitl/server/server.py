@@ -6,13 +6,9 @@ from contextlib import AsyncExitStack
 from dataclasses import dataclass, field
 from math import ceil, floor, inf
 
-import numpy as np
-from numpy.typing import ArrayLike
-
 from estimation.frames import MissionFrame, Triple
 from estimation.plant.model import Plant
 from estimation.profile.autopilots import DEFAULT, AutopilotName
-from estimation.state import Vector
 from sitl.autopilot.airframe import STEP_S
 from sitl.autopilot.autopilot import Battery, MavResult, Positioning, autopilot_named
 from sitl.autopilot.guidance import PositionTarget
@@ -25,6 +21,7 @@ from sitl.mavlink.signing import SigningKey
 from sitl.mavlink_constants import Outgoing
 from sitl.server.endpoint import LOOPBACK, Endpoint, StubClock, bound
 from sitl.server.governed_clock import GovernedClock, MotionTransit, SetpointTransit
+from sitl.server.record import StubRecord, TruthTrack
 from sitl.server.setpoint_stream import SetpointStream
 from sitl.server.true_state import TrueState
 from sitl.vehicle.mount import Mount
@@ -85,31 +82,6 @@ class StubConfig:
     uid: int | None = None
     awaits_stream: bool = False
     gimbal: bool = False
-
-
-@dataclass(frozen=True, slots=True)
-class TruthTrack:
-    """The true track of one vehicle, ten times a second: `time_s` (T,) on the common clock, the rest (T, 3)."""
-
-    vehicle_id: int
-    time_s: Vector
-    position_m: Vector
-    velocity_m_s: Vector
-
-    @classmethod
-    def of(cls, vehicle_id: int, numbers: ArrayLike) -> "TruthTrack":
-        """Return the track of true motions, whose times, positions and velocities follow one another."""
-        rows = np.array(numbers).reshape(-1, 7)
-        return cls(vehicle_id, rows[:, 0], rows[:, 1:4], rows[:, 4:7])
-
-
-@dataclass(frozen=True, slots=True)
-class StubRecord:
-    """The record of a run: tracks, the simulated time dropped, and messages dropped by vehicle."""
-
-    tracks: tuple[TruthTrack, ...]
-    slipped_s: float
-    dropped: dict[int, dict[str, int]]
 
 
 class _Pace:

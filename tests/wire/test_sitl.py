@@ -24,7 +24,8 @@ from sitl.mavlink.reports import EstimatorNoise
 from sitl.server import endpoint
 from sitl.server.governed_clock import GovernedClock
 from sitl.server.process import StubProcess, StubReady, run_in_process
-from sitl.server.server import StubConfig, StubRecord, serve
+from sitl.server.record import StubRecord
+from sitl.server.server import StubConfig, serve
 from sitl.server.shared_clock import ClockName, Rank
 from tests.support.forger import Forger
 from tests.support.wire import PATIENCE_S, free_port, served_by, stub_clock, stub_process, until

@@ -26,7 +26,7 @@ from gcs.metrics.record import injected_faults
 from gcs.mission.file import joined_mission
 from gcs.mission.mission import Mission
 from gcs.report.evidence.flight import EstimateSeries, FlightEvidence, LoopTiming, Reception, VehicleEvidence
-from sitl.server.server import TruthTrack
+from sitl.server.record import TruthTrack
 
 SAME_START_S = 1.0
 """Vehicles of one flight agree on its start: logs that differ by more [wall s] are of different flights."""

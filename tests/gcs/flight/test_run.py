@@ -94,3 +94,10 @@ def test_the_command_that_reaches_a_joined_vehicle_is_named_if_its_process_was_k
     command = f"`cordon recover case2 --set network.team=blue --add 4 --only 4 --start 0,-8 --url {url}`"
     assert (command in said) is (ended_by is signal.SIGKILL), said
     assert ("vehicle 4 had joined this flight" in said) is (ended_by is signal.SIGKILL)
+
+
+def test_a_flight_imports_nothing_that_only_stubs_need() -> None:
+    """The dialect alone takes 11 MB in the flying process."""
+    program = "import sys, gcs.flight.run; print('pymavlink' in sys.modules, 'sitl.server.server' in sys.modules)"
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
+    assert done.stdout == "False False\n"

@@ -13,7 +13,7 @@ from gcs.metrics.metrics import evaluated
 from gcs.metrics.record import VehicleTrack
 from gcs.mission.file import load_mission
 from gcs.mission.mission import Mission
-from sitl.server.server import TruthTrack
+from sitl.server.record import TruthTrack
 
 START_S, FLOWN_S, LANDED_S = 100.0, 20.0, 150.0
 Path = Callable[[Vector], tuple[Vector, Vector, Vector]]

@@ -18,7 +18,7 @@ from gcs.metrics.journal import Journal, RunTotals
 from gcs.metrics.record import FlightRecord, VehicleTrack
 from gcs.mission.file import joined_mission, load_mission
 from gcs.mission.mission import Mission
-from sitl.server.server import TruthTrack
+from sitl.server.record import TruthTrack
 from tests.support.estimates import own_spread, target_spread
 
 START_S = 1_700_000_000.0  # a mission starts somewhere on the Unix clock

@@ -6,7 +6,7 @@ import pytest
 from estimation.state import Vector
 from gcs.metrics.journal import missing_truth, true_track
 from gcs.metrics.record import VehicleTrack
-from sitl.server.server import TruthTrack
+from sitl.server.record import TruthTrack
 
 START_S = 1_700_000_000.0
 TIME_S = np.arange(201) / 10.0
