@@ -375,7 +375,6 @@ class VehicleCore:
             plan=plan,
             guarded=guarded,
             peers=self._team.members(),
-            angles=self._team.ring.angles,
             drops=self._drops,
             alert=self.alert,
             outlook=self._outlook(now_s),
@@ -653,9 +652,14 @@ class VehicleCore:
         return True
 
     def _take_state(self, state: MemberState) -> None:
-        self._lying_m.pop(state.sender, None)
-        self._receive_sightings(state)
+        numbers = state.numbers
+        if self._lying_m:
+            self._lying_m.pop(numbers.sender, None)
+        if numbers.has_sightings:
+            self._receive_sightings(state)
         self._team.receive(state)
+        if numbers.is_bare:
+            return
         self._traffic.hear(state.traffic or ())
         if state.shape is not None:
             self._reshape(Reshaping(state.shaped_s, state.shape))

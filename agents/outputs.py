@@ -1,6 +1,5 @@
 """The output of a tick: a setpoint, messages for the peers, and the core's status."""
 
-from collections.abc import Mapping
 
 import msgspec
 
@@ -15,7 +14,7 @@ from agents.safety.guard import Guarded
 from agents.situation.situation import Situation
 from agents.tactics import Tactic
 from agents.team.codec import decode
-from agents.team.messages import BusMessage, CommandAnswer, MemberState, NeighbourAngle, Outlook
+from agents.team.messages import BusMessage, CommandAnswer, MemberState, Outlook
 from estimation.polar import Polar
 from estimation.state import MOTION, OwnEstimate, TargetEstimate, Vector
 
@@ -38,8 +37,8 @@ class CoreStatus(msgspec.Struct, frozen=True, kw_only=True):
     failsafe condition that it reacts to, empty if none; `outlook` is None while nothing is due; `notes` are the events,
     `answers` the peers' answers to operators, both since the last tick. `target_altitude_m` is the estimate of the
     target's altitude if the mission follows it, `drops` are the messages dropped so far, `turning_rad_s` is the assumed
-    frequency of the ring-frequency disturbance. `angles` are the places of `peers` on the ring, by sender. `ring` is
-    the number of the ring that it is on or flies to, and that its situation refers to, 0 in a mission of one ring.
+    frequency of the ring-frequency disturbance. `ring` is the number of the ring that it is on or flies to, and that
+    its situation refers to, 0 in a mission of one ring.
     """
 
     vehicle_id: int
@@ -49,7 +48,6 @@ class CoreStatus(msgspec.Struct, frozen=True, kw_only=True):
     plan: Plan | None = None
     guarded: Guarded | None = None
     peers: tuple[MemberState, ...] = ()
-    angles: Mapping[int, NeighbourAngle] = {}
     drops: Drops = NO_DROPS
     alert: str = ""
     outlook: Outlook | None = None

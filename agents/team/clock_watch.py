@@ -32,7 +32,7 @@ class ClockWatch:
 
     def receive(self, sender: int, age_s: float, now_s: float) -> None:
         """Take the age [wall s] of a peer's message on arrival, whether it was accepted or not."""
-        usual_s = self._usual_s.setdefault(sender, age_s)
+        usual_s = self._usual_s.get(sender, age_s)
         ahead_s = usual_s - age_s
         if abs(ahead_s) <= STEP_S:
             self._usual_s[sender] = usual_s - _FOLLOWING * ahead_s

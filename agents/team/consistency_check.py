@@ -157,13 +157,14 @@ class ConsistencyCheck:
 
     def accepts(self, state: MemberState, *, known: bool) -> bool:
         """Return whether a state is accepted as its sender's; one that contradicts a `known` peer is not."""
-        tracks = self._tracks.get(state.sender)
+        sender = state.numbers.sender
+        tracks = self._tracks.get(sender)
         if tracks is None:
-            self._tracks[state.sender] = [PeerTrack(state, self._limits, accepted=True)]
+            self._tracks[sender] = [PeerTrack(state, self._limits, accepted=True)]
             return True
         if tracks[0].continued(state):
             return True
-        step = self._clocks.off.get(state.sender)
+        step = self._clocks.off.get(sender)
         clock_off_s = 0.0 if step is None else abs(step.by_s)
         why = tracks[0].misfit(state, clock_off_s)
         return not why or self._contradicted(tracks, state, clock_off_s, why, known=known)

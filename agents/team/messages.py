@@ -320,7 +320,9 @@ class MemberState(msgspec.Struct, frozen=True, array_like=True, dict=True):
             self.altitude_m,
             self.position_sigma_m,
             self.ring_number if self.tactic == _ENCIRCLES else -1,
+            None if self.angle is None else self.angle.numbers,
             has_sightings=len(self.sightings) > 0,
+            is_bare=self.shape is None and self.ring is None and self.choice is None and not self.traffic,
         )
 
     @property

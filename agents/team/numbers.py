@@ -9,7 +9,8 @@ from typing import Final
 class StateNumbers:
     """The numbers of a member's state (`agents.team.messages.MemberState`), in its units and frame.
 
-    `on_ring` is the number of the ring about which it flies, -1 for none; `goes_on` is whether its task goes on from an
+    `on_ring` is the number of the ring about which it flies, -1 for none, and `place` its place there. A state that
+    `is_bare` has no aircraft, and no values that an operator commanded. `goes_on` is whether its task goes on from an
     earlier state, that of `compared_id`, 0 for none (`Team.waits`).
     """
 
@@ -24,8 +25,10 @@ class StateNumbers:
         altitude_m: float,
         position_sigma_m: float,
         on_ring: int,
+        place: "PlaceNumbers | None",
         *,
         has_sightings: bool,
+        is_bare: bool,
     ) -> None:
         """Take the numbers, and an id that no other state of the process has."""
         self.state_id: Final = state_id
@@ -37,7 +40,9 @@ class StateNumbers:
         self.altitude_m: Final = altitude_m
         self.position_sigma_m: Final = position_sigma_m
         self.on_ring: Final = on_ring
+        self.place: Final = place
         self.has_sightings: Final = has_sightings
+        self.is_bare: Final = is_bare
         self.compared_id = 0
         self.goes_on = False
 

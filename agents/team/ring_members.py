@@ -7,7 +7,6 @@ from zlib import crc32
 
 import msgspec
 
-from agents.team.messages import NeighbourAngle
 from agents.team.numbers import PlaceNumbers
 
 BESIDE_FOR_S: Final = 0.2
@@ -37,7 +36,6 @@ class RingMembers:
     def __init__(self, engaged: Callable[[int], bool]) -> None:
         """Take a function that returns whether a peer is engaged, which ends before its place is stale."""
         self._is_engaged = engaged
-        self._angles: dict[int, NeighbourAngle] = {}
         self._places: dict[int, PlaceNumbers] = {}
         self._engaged: dict[int, PlaceNumbers] | None = None
         self._shares = FULL_RING
@@ -48,14 +46,13 @@ class RingMembers:
         self.oldest_s = inf
         """A lower bound of the times of all places."""
 
-    def receive(self, angle: NeighbourAngle) -> None:
+    def receive(self, place: PlaceNumbers) -> None:
         """Take a place unless a newer one is known."""
-        place = angle.numbers
         sender = place.sender
         known = self._places.get(sender)
         if known is not None and place.time_s <= known.time_s:
             return
-        self._angles[sender], self._places[sender] = angle, place
+        self._places[sender] = place
         self.oldest_s = min(self.oldest_s, place.time_s)
         if known is None or known.has_reference != place.has_reference:
             self._references = None
@@ -70,8 +67,7 @@ class RingMembers:
 
     def forget(self, vehicle_id: int) -> None:
         """Drop a peer's place."""
-        if self._angles.pop(vehicle_id, None) is not None:
-            del self._places[vehicle_id]
+        if self._places.pop(vehicle_id, None) is not None:
             self.changed()
 
     def expire(self, before_s: float) -> None:
@@ -84,11 +80,6 @@ class RingMembers:
         """Record that peers may have engaged or left."""
         self._engaged = None
         self.revision += 1
-
-    @property
-    def angles(self) -> dict[int, NeighbourAngle]:
-        """The newest places, engaged or not, by sender."""
-        return dict(self._angles)
 
     @property
     def ids(self) -> tuple[int, ...]:

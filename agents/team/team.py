@@ -103,8 +103,8 @@ class Team:
                     self._near_ids[sender] = None
             if known is None or numbers.on_ring != known.on_ring:
                 self.ring.changed()
-        if state.angle is not None:
-            self.ring.receive(state.angle)
+        if numbers.place is not None:
+            self.ring.receive(numbers.place)
 
     def forget(self, vehicle_id: int) -> None:
         """Drop a peer whose presence has ended: it is lost at its last altitude, which may be the ground."""

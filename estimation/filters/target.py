@@ -5,7 +5,7 @@ sightings in order of time: a late one is inserted at its time and those after i
 the same sightings therefore have the same estimate, whatever the order. docs/notes/target.md compares the alternatives.
 """
 
-from bisect import bisect_right
+from bisect import bisect_left, bisect_right
 from collections.abc import Sequence
 from functools import lru_cache
 from math import exp, inf, isfinite, log, sqrt
@@ -95,26 +95,29 @@ class _Track(msgspec.Struct, frozen=True):
 class _Segment:
     """Consecutive sightings, and the track before the first of them (None: no track yet)."""
 
-    __slots__ = ("before", "from_s", "refused", "sightings")
+    __slots__ = ("before", "from_s", "refused", "sightings", "times_s")
 
     def __init__(self, before: _Track | None, first: Sighting) -> None:
         self.before = before
         self.from_s = first.time_s
         self.sightings = [first]
+        self.times_s = [first.time_s]
         self.refused = 0
 
     def has(self, sighting: Sighting) -> bool:
         """Return whether it has a sighting; its own are in the order of time."""
-        for each in reversed(self.sightings):
-            if each.time_s < sighting.time_s:
-                return False
-            if each == sighting:
-                return True
-        return False
+        time_s = sighting.time_s
+        first, end = bisect_left(self.times_s, time_s), bisect_right(self.times_s, time_s)
+        return sighting in self.sightings[first:end]
+
+    def add(self, sighting: Sighting) -> None:
+        """Add a sighting that is not before its last one."""
+        self.sightings.append(sighting)
+        self.times_s.append(sighting.time_s)
 
     def copy(self) -> "_Segment":
         other = _Segment(self.before, self.sightings[0])
-        other.sightings, other.refused = self.sightings.copy(), self.refused
+        other.sightings, other.times_s, other.refused = self.sightings.copy(), self.times_s.copy(), self.refused
         return other
 
 
@@ -250,7 +253,7 @@ class TargetFilter:
             last = _Segment(before, sighting)
             self._segments.append(last)
         else:
-            last.sightings.append(sighting)
+            last.add(sighting)
         self._kept += 1
         self._track = track = self._started(sighting) if before is None else self._after(before, sighting)
         last.refused += track.refused

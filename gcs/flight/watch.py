@@ -188,7 +188,7 @@ def _ring_members(team: FlightTeam) -> int:
     flying = [member.vehicle.id for member in team.members if not member.ending]
     statuses = [team.newest[each] for each in flying if each in team.newest]
     here = {status.vehicle_id for status in statuses if status.place is not None}
-    received = {sender for status in statuses for sender in status.angles}
+    received = {peer.sender for status in statuses for peer in status.peers if peer.angle is not None}
     return len(here | received.difference(member.vehicle.id for member in team.members))
 
 

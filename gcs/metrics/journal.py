@@ -51,12 +51,14 @@ class EventLog:
         self._took_off: dict[int, CommandAnswer] = {}
         self._reported = 0
 
-    def note(self, status: CoreStatus) -> None:
-        """Add the notes of a vehicle in this process, and the changes in the messages that it received."""
+    def note(self, status: CoreStatus, others: Iterable[MemberState]) -> None:
+        """Add the notes of a vehicle in this process, and the changes in the messages that it received.
+
+        `others` are the states of vehicles in other processes.
+        """
         self.add_notes(status.vehicle_id, status.notes)
-        for peer in status.peers:
-            if peer.sender not in self._local_ids:
-                self.add_peer(peer)
+        for peer in others:
+            self.add_peer(peer)
         for answer in status.answers:
             self.add_answer(answer)
 
@@ -252,7 +254,7 @@ class Journal:
     """Collects every tick of the agents in this process, and the states that they receive from other processes."""
 
     def __init__(self, mission: Mission) -> None:
-        self._mission = mission
+        self._mission, self._count = mission, len(mission.ids)
         self._ids: set[int] = set()
         self._own: defaultdict[int, _Samples] = defaultdict(_Samples)
         self._received: defaultdict[int, _Samples] = defaultdict(_Samples)
@@ -268,7 +270,7 @@ class Journal:
 
     def enlarge(self, mission: Mission) -> None:
         """Take the mission with a vehicle that has joined the flight."""
-        self._mission = mission
+        self._mission, self._count = mission, len(mission.ids)
 
     def new_events(self) -> list[FlightEvent]:
         """Return the events since the last call, on the team's clock."""
@@ -277,7 +279,9 @@ class Journal:
     def note(self, status: CoreStatus, tick_us: float | None) -> None:
         """Add one tick; outside the control loop, where `tick_us` is None, only its events."""
         self._ids.add(status.vehicle_id)
-        self.event_log.note(status)
+        here = self._ids  # once all are here, no vehicle looks through all others at every tick
+        others = [] if len(here) == self._count else [peer for peer in status.peers if peer.sender not in here]
+        self.event_log.note(status, others)
         if tick_us is None:
             return
         self.tick(tick_us, () if status.guarded is None else [cause.words for cause in status.guarded.causes])
@@ -285,9 +289,7 @@ class Journal:
         if status.situation is not None and status.motion is not None:
             of_tick = status.motion, status.situation.height_m, status.tactic.value, status.target, status.ring
             self.add_sample(status.vehicle_id, status.time_s, *of_tick)
-        others = [peer for peer in status.peers if peer.sender not in self._ids]
-        if others:
-            self.add_peers(others, status.angles, status.target, status.ring)
+        self.add_peers(others, status.target, status.ring)
 
     def tick(self, tick_us: float, guarded: Sequence[str]) -> None:
         """Add the computing time of a tick, and the causes for which the guard moved its setpoint."""
@@ -309,14 +311,8 @@ class Journal:
         if target is not None:
             self._own[vehicle_id].add_target(time_s, target)
 
-    def add_peers(
-        self,
-        peers: Iterable[MemberState],
-        angles: Mapping[int, NeighbourAngle],
-        target: Vector | None,
-        ring: int = 0,
-    ) -> None:
-        """Add the states that peers sent, and the target positions that follow from their `angles`, by sender.
+    def add_peers(self, peers: Iterable[MemberState], target: Vector | None, ring: int = 0) -> None:
+        """Add the states that peers sent, and the target positions that follow from their places on the ring.
 
         Peers do not send their estimate of the target's velocity: the receiver's estimate `target` (4,) provides it,
         where the receiver's `ring` is about the same target.
@@ -325,7 +321,7 @@ class Journal:
             samples, its_ring = self._received[peer.sender], peer.ring_number
             motion = np.array([*peer.position_m, *peer.velocity_m_s])
             samples.add(peer.time_s, motion, peer.altitude_m, peer.tactic, its_ring)
-            angle, is_same = angles.get(peer.sender), self._target_number(its_ring) == self._target_number(ring)
+            angle, is_same = peer.angle, self._target_number(its_ring) == self._target_number(ring)
             if angle is not None and target is not None and is_same and angle.time_s == peer.time_s:
                 samples.add_target(peer.time_s, np.array([*_centre_m(peer, angle), *target[VELOCITY]]))
 

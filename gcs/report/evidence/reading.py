@@ -13,7 +13,7 @@ import numpy as np
 from agents.drops import Drops
 from agents.flight_end import FlightEnd, LastPosition
 from agents.inputs import AutopilotStatus, Command, LateTicks, Start, VehicleJoins
-from agents.team.messages import BusMessage, CameraView, CommandAnswer, MemberState, NeighbourAngle, OperatorCommand
+from agents.team.messages import BusMessage, CameraView, CommandAnswer, MemberState, OperatorCommand
 from estimation.state import MOTION, Telemetry, Vector
 from gcs.flightlog.container import LogError
 from gcs.flightlog.reader import FlightLog, LogRecord
@@ -214,7 +214,6 @@ class _VehicleReader:
         self._telemetry: list[tuple[float, float, float, float, float]] = []
         self._received: defaultdict[int, list[tuple[float, float]]] = defaultdict(list)
         self._peers: dict[int, MemberState] = {}
-        self._angles: dict[int, NeighbourAngle] = {}
         self._battery: list[tuple[float, float]] = []
         self.wind_m_s: list[float] = []
         self.views: list[CameraView] = []
@@ -328,7 +327,7 @@ class _VehicleReader:
             return
         self.last_s = decision.time_s
         journal.tick(tick_us, decision.guard.causes)
-        journal.add_peers(peers, self._angles, _target_of(decision), ring_of(decision))
+        journal.add_peers(peers, _target_of(decision), ring_of(decision))
         self._add(decision, tick_us)
 
     def _add(self, decision: Any, tick_us: float) -> None:
@@ -379,8 +378,6 @@ class _VehicleReader:
             newest = self._peers.get(message.sender)
             if newest is None or message.time_s > newest.time_s:
                 self._peers[message.sender] = message
-                if message.angle is not None:
-                    self._angles[message.sender] = message.angle
         if isinstance(message, CommandAnswer) and message.sender not in self._log.run.vehicles:
             self._journal.event_log.add_answer(message)
 

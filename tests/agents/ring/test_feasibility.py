@@ -139,5 +139,5 @@ def test_a_team_has_the_ring_that_its_engaged_members_can_fly() -> None:
     team = a_team()
     for sender, tactic, rate, radius in ((1, "encircle", 0.7, 1.0), (2, "encircle", 1.0, 1.4), (3, "hold", 0.1, 2.0)):
         team.receive(MemberState(sender, 1.0, tactic, (0.0, 0.0), (0.0, 0.0), (0.0, 0.0), (0.0, 0.0)))
-        team.ring.receive(NeighbourAngle(sender, 1.0, 0.0, 0.1, 10.0, rate, radius))
+        team.ring.receive(NeighbourAngle(sender, 1.0, 0.0, 0.1, 10.0, rate, radius).numbers)
     assert team.ring.shares() == RingScale(0.7, 1.4)

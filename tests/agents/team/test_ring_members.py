@@ -22,7 +22,7 @@ def test_the_next_on_either_side_is_beside_until_the_next_look(count: int, seed:
     for sender in range(1, count + 1):
         rate_rad_s = 0.5 * RELATIVE_M_S * float(random.uniform(-1.0, 1.0)) / radius_m
         place_m = radius_m + float(random.normal(0.0, apart_m))
-        members.receive(NeighbourAngle(sender, 10.0, float(random.uniform(0.0, tau)), rate_rad_s, place_m))
+        members.receive(NeighbourAngle(sender, 10.0, float(random.uniform(0.0, tau)), rate_rad_s, place_m).numbers)
     own_rad, own_rad_s = (
         float(random.uniform(0.0, tau)),
         0.5 * RELATIVE_M_S * float(random.uniform(-1.0, 1.0)) / radius_m,
@@ -41,5 +41,5 @@ def test_the_next_on_either_side_is_beside_until_the_next_look(count: int, seed:
 def test_in_a_large_team_few_are_beside() -> None:
     members = RingMembers(lambda _: True)
     for sender in range(1, 64):
-        members.receive(NeighbourAngle(sender, 10.0, sender * tau / 64.0, 0.02, 61.0))
+        members.receive(NeighbourAngle(sender, 10.0, sender * tau / 64.0, 0.02, 61.0).numbers)
     assert members.beside(0.0, 61.0, 10.0, WITHIN_M) == (1, 63)

@@ -23,7 +23,7 @@ def test_the_newest_message_counts_whatever_the_order() -> None:
     team = a_team()
     for time_s in (2.0, 3.0, 1.0):
         team.receive(member(1, time_s, "encircle", x=time_s))
-        team.ring.receive(angle(1, time_s, bearing=time_s / 10.0))
+        team.ring.receive(angle(1, time_s, bearing=time_s / 10.0).numbers)
     assert team.member(1).position_m == (3.0, 0.0)
     assert team.members() == (team.member(1),)
     assert team.ring.bearings_rad(3.0, team.ring.ids) == [0.3]
@@ -33,8 +33,8 @@ def test_what_was_said_too_long_ago_is_dropped() -> None:
     team = a_team()
     team.receive(member(1, 10.0))
     team.receive(member(3, 10.2))
-    team.ring.receive(angle(1, 10.0))
-    team.ring.receive(angle(3, 10.2))
+    team.ring.receive(angle(1, 10.0).numbers)
+    team.ring.receive(angle(3, 10.2).numbers)
     team.expire(12.0)
     assert [peer.sender for peer in team.members()] == [1, 3]
     team.expire(12.1)
@@ -47,7 +47,7 @@ def test_what_was_said_too_long_ago_is_dropped() -> None:
 @pytest.mark.parametrize(("tactic", "counted"), [("encircle", 1), ("formation", 0), ("hold", 0), ("land", 0)])
 def test_only_engaged_peers_are_on_the_ring(tactic: str, counted: int) -> None:
     team = a_team()
-    team.ring.receive(angle(1, 10.0))
+    team.ring.receive(angle(1, 10.0).numbers)
     assert team.ring.ids == (1,)
     team.receive(member(1, 10.0, tactic))
     assert len(team.ring.ids) == counted
@@ -56,7 +56,7 @@ def test_only_engaged_peers_are_on_the_ring(tactic: str, counted: int) -> None:
 def test_only_vehicles_about_as_far_out_are_abreast() -> None:
     team = a_team()
     for sender, radius_m in ((1, 10.5), (3, 12.6), (4, 8.4)):
-        team.ring.receive(replace(angle(sender, 1.0, bearing=0.1 * sender), radius_m=radius_m))
+        team.ring.receive(replace(angle(sender, 1.0, bearing=0.1 * sender), radius_m=radius_m).numbers)
     assert team.ring.abreast(2.0, 10.5, 2.0, team.ring.ids) == [pytest.approx((0.4, 0.3, 0.0))]
     # Where the radial part of the distance is nearly all of it, the vehicles may be at almost the same bearing.
     assert [spare_rad for _, _, spare_rad in team.ring.abreast(2.0, 10.5, 2.1001, team.ring.ids)] == [
@@ -75,7 +75,7 @@ def test_vehicles_know_whether_they_all_take_the_same_references_into_account() 
             for own, others in hears.items():
                 for other in others:
                     place = replace(angle(other, time_s), reference_rad=0.5, references=digests[other])
-                    teams[own].ring.receive(place)
+                    teams[own].ring.receive(place.numbers)
         return [teams[each].ring.is_known_to_all(each) for each in hears]
 
     assert known(chain) == [False, False, False]
@@ -86,7 +86,7 @@ def test_references_are_extrapolated_at_their_own_rates_and_come_with_id_and_rad
     team = a_team()
     published = replace(angle(3, 10.0), reference_rad=1.0, reference_rate_rad_s=-0.2, radius_m=14.0)
     for place in (angle(1, 10.0), published, replace(published, sender=4)):
-        team.ring.receive(place)
+        team.ring.receive(place.numbers)
     team.receive(member(4, 10.0, "hold"))
     ids, references_rad, radii_m = team.ring.others(10.5)
     assert (ids, radii_m) == ([3], [14.0])

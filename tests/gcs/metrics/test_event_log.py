@@ -22,7 +22,6 @@ def status(
         vehicle_id=vehicle_id,
         time_s=START_S,
         tactic=Tactic.FORMATION,
-        peers=tuple(peers),
         notes=tuple(notes),
         answers=tuple(answers),
     )
@@ -36,10 +35,10 @@ def peer(sender: int, time_s: float, tactic: str, alert: str = "") -> MemberStat
 def test_the_vehicles_of_this_process_speak_for_themselves() -> None:
     event_log = EventLog()
     note = Note(START_S + 1.0, "command", "hold by keys: holds")
-    event_log.note(status(1, [note]))
-    event_log.note(status(2))
+    event_log.note(status(1, [note]), [])
+    event_log.note(status(2), [])
     for tactic in ("formation", "hold"):  # what the one hears of the other is known already
-        event_log.note(status(2, (), [peer(1, 1.0, tactic)], [CommandAnswer(1, START_S, 7, "holds")]))
+        event_log.note(status(2, (), [CommandAnswer(1, START_S, 7, "holds")]), [peer(1, 1.0, tactic)])
     assert event_log.new_events() == [FlightEvent(START_S + 1.0, 1, "command", "hold by keys: holds")]
     assert event_log.new_events() == []
 
@@ -53,14 +52,14 @@ def test_those_elsewhere_are_known_by_what_they_show_and_answer() -> None:
         peer(3, 1.5, "formation"),  # late
         peer(3, 3.0, "hold"),
     ):
-        event_log.note(status(1, (), [heard], [answer]))
+        event_log.note(status(1, (), [answer]), [heard])
     assert [(e.time_s - START_S, e.vehicle, e.kind, e.text) for e in event_log.new_events()] == [
         (1.5, 3, "command", "answers: holds"),
         (2.0, 3, "tactic", "formation -> hold"),
         (2.0, 3, "failsafe", "alert: battery low"),
         (3.0, 3, "failsafe", "alert cleared: battery low"),
     ]
-    event_log.note(status(1, (), [peer(2, 1.0, "hold", "battery low")]))
+    event_log.note(status(1), [peer(2, 1.0, "hold", "battery low")])
     assert [event.text for event in event_log.new_events()] == ["alert: battery low"], (
         "also of one heard for the first time"
     )

@@ -337,9 +337,9 @@ def test_the_target_of_a_peer_elsewhere_is_where_its_place_on_the_ring_is_about(
         told = peer(3, time_s, tactic="encircle")
         angle = NeighbourAngle(3, told.time_s, float(np.arctan2(8.0, 6.0)), 0.05, 10.0)
         of_before = NeighbourAngle(3, told.time_s - 0.05, 0.0, 0.05, 10.0)
-        on_ring = {3: angle if time_s > 3.95 else of_before}
-        journal.add_peers([told], on_ring, own)
-        journal.add_peers([told], on_ring, None)
+        told = replace(told, angle=angle if time_s > 3.95 else of_before)
+        journal.add_peers([told], own)
+        journal.add_peers([told], None)
     flight = record(journal)
     flown, later = track(flight, 3), flight.time_s > 3.95
     assert flown.target is not None
@@ -351,7 +351,7 @@ def test_the_target_of_a_peer_elsewhere_is_where_its_place_on_the_ring_is_about(
 def test_a_vehicle_of_this_process_is_known_by_itself_whatever_is_read_first(mission: Mission) -> None:
     journal = Journal(mission)
     for time_s in np.arange(0.0, 10.05, 0.1).tolist():
-        journal.add_peers([peer(1, time_s)], {}, None)
+        journal.add_peers([peer(1, time_s)], None)
     for time_s in np.arange(0.0, 10.05, 0.1).tolist():
         journal.add_sample(1, START_S + time_s, np.array(straight(time_s)), 6.0, "formation", seen(time_s))
     flight = record(journal)
