@@ -1,6 +1,5 @@
 """The output of a tick: a setpoint, messages for the peers, and the core's status."""
 
-
 import msgspec
 
 from agents.control.encirclement import Approach

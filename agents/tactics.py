@@ -30,6 +30,11 @@ class Tactic(Enum):
     TRANSIT = "transit"
 
 
+DOES_NOT_EVADE = frozenset(each.value for each in (Tactic.STANDBY, Tactic.LAND, Tactic.PILOT_OVERRIDE))
+"""A vehicle evades no other: its autopilot or a pilot flies it. In standby that takes off, or hovers until it is taken.
+"""
+OFF_THE_RING = DOES_NOT_EVADE | {each.value for each in (Tactic.HOLD, Tactic.ASIDE, Tactic.RETURN_AND_LAND)}
+"""A vehicle stays where it is, or crosses the ring on its way home."""
 NO_TACTIC = "unknown"
 """Stands for the tactic's name where no data of a vehicle is known."""
 

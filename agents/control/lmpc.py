@@ -18,6 +18,7 @@ least squares: the bound that is exceeded most becomes active, and one whose mul
 
 from collections.abc import Sequence
 from enum import Enum
+from functools import lru_cache
 from typing import Final
 
 import numpy as np
@@ -33,16 +34,25 @@ _CHANGES_MAX = 50  # not Final, which is compiled into its users: tests change i
 _ZERO = np.zeros(1)
 
 
-class ActiveSet:
-    """Finds which of the bounds on `rows` (m, n) are active, at a cost with a positive definite Hessian (n, n)."""
+class BoundedCost:
+    """A cost with a positive definite Hessian (n, n), and `rows` (m, n) with bounds; searches can share one."""
 
     def __init__(self, hessian: Vector, rows: Vector) -> None:
+        self.hessian: Final = hessian
+        self.rows: Final = rows
         sides = np.vstack([rows, -rows])  # on each row an upper and a lower bound
-        self._inverse: Vector = np.asarray(np.linalg.inv(hessian), dtype=np.float64)
-        self._scale: Vector = ((sides @ self._inverse) * sides).sum(axis=1) ** -0.5
-        sides = self._scale[:, np.newaxis] * sides
-        self._responses: Vector = np.asarray(sides @ self._inverse, dtype=np.float64)
-        self._coupling: Vector = self._responses @ sides.T + _RIDGE * np.eye(len(sides))
+        self.inverse: Final[Vector] = np.asarray(np.linalg.inv(hessian), dtype=np.float64)
+        self.scale: Final[Vector] = ((sides @ self.inverse) * sides).sum(axis=1) ** -0.5
+        sides = self.scale[:, np.newaxis] * sides
+        self.responses: Final[Vector] = np.asarray(sides @ self.inverse, dtype=np.float64)
+        self.coupling: Final[Vector] = self.responses @ sides.T + _RIDGE * np.eye(len(sides))
+
+
+class ActiveSet:
+    """Finds which of the bounds of a cost are active."""
+
+    def __init__(self, cost: BoundedCost) -> None:
+        self._cost = cost
         self._active: list[int] = []
 
     def optimum(self, gradient: Vector, lower: Vector, upper: Vector) -> tuple[Vector, Vector] | None:
@@ -50,14 +60,14 @@ class ActiveSet:
 
         The search begins at the active set found last. None if it exceeds its limit of steps.
         """
-        room = np.concatenate((upper, -lower)) * self._scale + self._responses.dot(gradient)
+        room = np.concatenate((upper, -lower)) * self._cost.scale + self._cost.responses.dot(gradient)
         multipliers = self._multipliers(room)
         if multipliers is None:
             return None
         active = self._active
-        optimum = -self._inverse.dot(gradient) - multipliers.dot(self._responses[active])
+        optimum = -self._cost.inverse.dot(gradient) - multipliers.dot(self._cost.responses[active])
         by_side = np.zeros(len(room))
-        by_side[active] = multipliers * self._scale[active]
+        by_side[active] = multipliers * self._cost.scale[active]
         above, below = by_side.reshape(2, -1)
         return optimum, above - below
 
@@ -68,7 +78,7 @@ class ActiveSet:
             self._keep((multipliers >= 0.0).tolist())
             multipliers = self._stationary(room)
         for _ in range(_CHANGES_MAX):
-            left = room + multipliers.dot(self._coupling[self._active])
+            left = room + multipliers.dot(self._cost.coupling[self._active])
             left[self._active] = 0.0
             worst = int(left.argmin())
             if not left.item(worst) < -_EXCESS_MAX:
@@ -95,7 +105,7 @@ class ActiveSet:
 
     def _stationary(self, room: Vector) -> Vector:
         active = np.array(self._active, dtype=np.intp)
-        coupling = self._coupling.take(active, axis=0).take(active, axis=1)
+        coupling = self._cost.coupling.take(active, axis=0).take(active, axis=1)
         return np.asarray(-np.linalg.solve(coupling, room.take(active)), dtype=np.float64)
 
 
@@ -163,11 +173,11 @@ class Lmpc:
         # State, reference and previous input form one vector, in which the problem is linear.
         self._given = np.zeros(self._gradient.shape[1])
         self._given_reference = self._given[states:-inputs].reshape(horizon, states)
-        self._outcome = np.vstack([programme.best, self._free_rows + programme.forced_rows @ programme.best])
+        self._outcome = programme.outcome
         self._times_s = step_s * np.arange(1, horizon + 1, dtype=np.float64)
         self._sampled_s: list[float] = self._times_s.tolist()
         self._lower, self._upper = np.empty((2, size + rows))
-        self._solver = _SoftQp(programme.hessian, programme.forced_rows, slack_weight)
+        self._solver = _SoftQp(_soft(programme, slack_weight), slack_weight)
 
     def solve(self, state: Vector, reference: Vector, previous_input: Vector, bounds: Bounds) -> Solution:
         """Plan from `state` (n,) along `reference` (horizon, n), starting from the input (m,) applied before."""
@@ -217,38 +227,46 @@ class Lmpc:
         return np.clip(interior, lower[:size], upper[:size]), QpStatus.FALLBACK
 
 
-class _SoftQp:
-    """The bounded problem in (U, slack): one slack widens all bounds on states, at a cost."""
+@lru_cache(maxsize=16)
+def _soft(programme: QuadraticProgram, slack_weight: float) -> BoundedCost:
+    """Return the cost of (U, slack): one slack widens all bounds on states, at a cost."""
+    hessian, state_rows = programme.hessian, programme.forced_rows
+    size, states = len(hessian), len(state_rows)
+    slack = np.ones((states, 1))
+    rows = np.block(
+        [
+            [np.eye(size), np.zeros((size, 1))],
+            [state_rows, -slack],  # state - slack <= upper
+            [state_rows, slack],  # state + slack >= lower
+            [np.zeros((1, size)), np.ones((1, 1))],
+        ]
+    )
+    cost = np.zeros((size + 1, size + 1))
+    cost[:size, :size] = hessian
+    cost[size, size] = slack_weight
+    return BoundedCost(cost, rows)
 
-    def __init__(self, hessian: Vector, state_rows: Vector, slack_weight: float) -> None:
-        size, states = len(hessian), len(state_rows)
+
+class _SoftQp:
+    """Solves the bounded problem in (U, slack)."""
+
+    def __init__(self, cost: BoundedCost, slack_weight: float) -> None:
+        bounds, size = len(cost.rows), len(cost.hessian) - 1
         self._size = size
         self._gradient = np.full(size + 1, slack_weight)
-        self._lower = np.full(size + 2 * states + 1, -_FREE)
-        self._upper = np.full(size + 2 * states + 1, _FREE)
+        self._lower = np.full(bounds, -_FREE)
+        self._upper = np.full(bounds, _FREE)
         self._lower[-1] = 0.0
-        slack = np.ones((states, 1))
-        rows = np.block(
-            [
-                [np.eye(size), np.zeros((size, 1))],
-                [state_rows, -slack],  # state - slack <= upper
-                [state_rows, slack],  # state + slack >= lower
-                [np.zeros((1, size)), np.ones((1, 1))],
-            ]
-        )
-        cost = np.zeros((size + 1, size + 1))
-        cost[:size, :size] = hessian
-        cost[size, size] = slack_weight
-        self._active_set = ActiveSet(cost, rows)
+        self._active_set = ActiveSet(cost)
         # OSQP and scipy take 0.3 s to import, and processes such as the log's never solve.
         from osqp import OSQP  # noqa: PLC0415
         from scipy.sparse import csc_matrix  # noqa: PLC0415
 
         self._solver = OSQP()
         self._solver.setup(
-            csc_matrix(np.triu(cost)),
+            csc_matrix(np.triu(cost.hessian)),
             self._gradient,
-            csc_matrix(rows),
+            csc_matrix(cost.rows),
             self._lower,
             self._upper,
             verbose=False,

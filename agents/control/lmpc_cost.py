@@ -8,16 +8,20 @@ Over the decision U = (u_0 ... u_{c-1}), with the last input held to the end of 
 agents/settings/tuning.py. They need no solver: missions are checked with their gains.
 """
 
+from functools import lru_cache
+from typing import Final
+
 import msgspec
 import numpy as np
 
 from agents.settings.config import AgentConfig
-from agents.settings.sections import EncirclementSettings
-from estimation.plant.model import exact_step
+from agents.settings.sections import EncirclementSettings, FormationSettings
+from estimation.plant.model import Plant, exact_step
 from estimation.state import Vector
 
 _FORMATION_CONSTRAINED = (2, 3)  # the two speeds
 RING_CONSTRAINED = (1, 2, 3)  # bearing, radial speed, angular rate
+_KEPT: Final = 16
 
 
 class Gains(msgspec.Struct, frozen=True):
@@ -31,12 +35,15 @@ class Gains(msgspec.Struct, frozen=True):
     previous: Vector
 
 
-class QuadraticProgram(msgspec.Struct, frozen=True):
+class QuadraticProgram(msgspec.Struct, frozen=True, eq=False):
     """Half U' `hessian` U + g' `gradient`' U, with g the state, the reference and the previous input in one vector.
+
+    Vehicles with the same settings share one.
 
     U has s = `control_horizon` m entries, g has n + `horizon` n + m. `hessian` is (s, s), `gradient` (s, g). Without
     bounds `best` (s, g) takes g to the optimum. The constrained states of all samples, k of each, are
-    `free_rows` (horizon k, g) times g plus `forced_rows` (horizon k, s) times U.
+    `free_rows` (horizon k, g) times g plus `forced_rows` (horizon k, s) times U; `outcome` takes g to the optimum and
+    to them without bounds.
     """
 
     states: int
@@ -48,6 +55,7 @@ class QuadraticProgram(msgspec.Struct, frozen=True):
     best: Vector
     free_rows: Vector
     forced_rows: Vector
+    outcome: Vector
 
     @property
     def gains(self) -> Gains:
@@ -62,8 +70,12 @@ def formation_programme(config: AgentConfig) -> QuadraticProgram:
 
     They equal the plant's, in [e_x e_y e_x' e_y'] with relative aims as inputs.
     """
-    settings = config.formation
-    step = exact_step(config.plant, settings.prediction_step_s)
+    return _formation_programme(config.plant, config.formation)
+
+
+@lru_cache(maxsize=_KEPT)
+def _formation_programme(plant: Plant, settings: FormationSettings) -> QuadraticProgram:
+    step = exact_step(plant, settings.prediction_step_s)
     return condensed(
         step.transition,
         step.input_gain,
@@ -75,6 +87,7 @@ def formation_programme(config: AgentConfig) -> QuadraticProgram:
     )
 
 
+@lru_cache(maxsize=_KEPT)
 def ring_programme(settings: EncirclementSettings) -> QuadraticProgram:
     """Return the ring's programme: integrators in [r r phi r' r phi'] with inputs [r'' r phi''] - (12), (23) to (26).
 
@@ -123,6 +136,8 @@ def condensed(
     hessian = 2.0 * (forced.T @ weighted + increment_cost @ difference)
     gradient = 2.0 * np.hstack([weighted.T @ free, -weighted.T, -increment_cost[:, :inputs]])
     rows = [step * states + state for step in range(horizon) for state in constrained_states]
+    best = -np.asarray(np.linalg.solve(hessian, gradient), dtype=np.float64)
+    free_rows = np.hstack([free[rows], np.zeros((len(rows), gradient.shape[1] - states))])
     return QuadraticProgram(
         states=states,
         inputs=inputs,
@@ -130,9 +145,10 @@ def condensed(
         control_horizon=control_horizon,
         hessian=hessian,
         gradient=gradient,
-        best=-np.asarray(np.linalg.solve(hessian, gradient), dtype=np.float64),
-        free_rows=np.hstack([free[rows], np.zeros((len(rows), gradient.shape[1] - states))]),
+        best=best,
+        free_rows=free_rows,
         forced_rows=forced[rows],
+        outcome=np.vstack([best, free_rows + forced[rows] @ best]),
     )
 
 

@@ -40,19 +40,6 @@ from estimation.polar import Polar, polar_from_motion
 from estimation.state import POSITION, VELOCITY, Vector
 from estimation.vectors import Pair
 
-_OFF_THE_RING = frozenset(
-    each.value
-    for each in (
-        Tactic.STANDBY,
-        Tactic.HOLD,
-        Tactic.ASIDE,
-        Tactic.RETURN_AND_LAND,
-        Tactic.LAND,
-        Tactic.PILOT_OVERRIDE,
-    )
-)
-"""Members in these tactics stay where they are, or cross the ring on their way home, and the ring bends around them."""
-
 _ORBIT: Final = Approach.ORBIT
 _RETURN = Tactic.RETURN_AND_LAND.value
 _HEADWAY: Final = 1.6
@@ -382,10 +369,9 @@ class RingFlight:
         abreast_m = _PASSED * self._safety.separation_m if passes else _ABREAST * headway_m
         headway, team = Headway(polar, headway_m, abreast_m), self._team
         acting_s, about = situation.acting_s, _motion_of(centre)
-        for member in team.near():
-            numbers = member.numbers
-            if numbers.on_ring == team.ring_number:
-                headway.keep_to(_motion(numbers, acting_s, about))
+        for each in team.near_numbers():
+            if each.on_ring == team.ring_number:
+                headway.keep_to(_motion(each, acting_s, about))
         return headway
 
     def _obstacles(self, situation: Situation, centre: Vector, polar: Polar) -> list[Obstacle]:
@@ -393,8 +379,9 @@ class RingFlight:
 
         Each is where it will be when the vehicle passes it.
         """
-        others = [member for member in self._team.near() if member.tactic in _OFF_THE_RING]
-        lost = self._team.lost(situation.now_s, self._safety.lost_avoided_s)
+        team = self._team
+        others = [team.member(each.sender) for each in team.near_numbers() if each.is_off_ring]
+        lost = team.lost(situation.now_s, self._safety.lost_avoided_s)
         if not (others or lost):
             return []
         # One that has left the ring may still brake: it soon rests.

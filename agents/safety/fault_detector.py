@@ -201,8 +201,7 @@ class FaultDetector:
 
     def _check_distances(self, faults: Faults, now_s: float, x: float, y: float, height_m: float) -> None:
         near_m, nearest = self._near_m, 0
-        for member in self._team.near():
-            peer = member.numbers
+        for peer in self._team.near_numbers():
             age_s = now_s - peer.time_s
             away_x = peer.position_m[0] + peer.velocity_m_s[0] * age_s - x
             # A cheap test that decides nearly always.

@@ -30,8 +30,6 @@ _MEETS: Final = 1.5
 _ENCIRCLES = Tactic.ENCIRCLE.value
 _TO_A_RING = (Tactic.ENCIRCLE.value, Tactic.TRANSIT.value)
 _STANDBY = Tactic.STANDBY.value
-_DOES_NOT_EVADE = (_STANDBY, Tactic.LAND.value, Tactic.PILOT_OVERRIDE.value)
-"""In standby its autopilot flies it: it takes off, or hovers until it is taken. It follows no setpoint."""
 
 
 def ring_bands_m(config: AgentConfig) -> list[Pair]:
@@ -137,7 +135,7 @@ class Neighbours:
             away_m = length(place_x + its_x_rate * ahead_s - x, place_y + its_y_rate * ahead_s - y)
             away_m -= changed_m_s / 2.0 * ahead_s
             unsure = sigmas * (own_sigma_m + it.position_sigma_m)
-            evades = member.tactic not in _DOES_NOT_EVADE
+            evades = it.evades
             keep_m = separation_m + (self._passing_m if evades else self._unmodelled_m) + min(unsure, separation_m)
             keep_m += min(UNPUBLISHED_ACCELERATION_M_S2 / 2.0 * ahead_s * ahead_s, separation_m)
             closing_m_s = length(its_x_rate - x_rate, its_y_rate - y_rate) + changed_m_s
@@ -166,9 +164,7 @@ class Neighbours:
         from where it is to its ring's. A vehicle in standby, or that lands, is lost, is doubtful, or is flown by a
         pilot is not expected to evade.
         """
-        members = [
-            (member, member.tactic not in _DOES_NOT_EVADE and member.sender not in doubtful) for member in states
-        ]
+        members = [(member, member.numbers.evades and member.sender not in doubtful) for member in states]
         members += [(member, False) for member in lost]
         own_sigma_m = situation.position_sigma_m
         return [
@@ -217,7 +213,7 @@ class Neighbours:
             x_rate = y_rate = x_acceleration = y_acceleration = 0.0
         unsure = unsure_m(safety.uncertainty_sigmas, own_sigma_m, it.position_sigma_m)
         distance_m = separation_m + min(unsure, separation_m) + min(moved_m, separation_m)
-        if member.tactic in _DOES_NOT_EVADE:
+        if not it.evades:
             distance_m += self._unmodelled_m  # neither a plan nor the other one makes up for a plant that is off
         elif passes:
             distance_m += self._passing_m

@@ -16,7 +16,7 @@ import msgspec
 from agents.drops import NO_DROPS, Drops
 from agents.notes import GuardCause
 from agents.settings.shapes import Shape
-from agents.tactics import Tactic
+from agents.tactics import DOES_NOT_EVADE, OFF_THE_RING, Tactic
 from agents.team.numbers import PlaceNumbers, StateNumbers
 from agents.team.packing import FLAT, PAIRED, SHARED, Added, Age, AheadOf, OneOf, Unit, Within
 from agents.team.text import PRINTABLE
@@ -321,6 +321,8 @@ class MemberState(msgspec.Struct, frozen=True, array_like=True, dict=True):
             self.position_sigma_m,
             self.ring_number if self.tactic == _ENCIRCLES else -1,
             None if self.angle is None else self.angle.numbers,
+            evades=self.tactic not in DOES_NOT_EVADE,
+            is_off_ring=self.tactic in OFF_THE_RING,
             has_sightings=len(self.sightings) > 0,
             is_bare=self.shape is None and self.ring is None and self.choice is None and not self.traffic,
         )

@@ -9,9 +9,10 @@ from typing import Final
 class StateNumbers:
     """The numbers of a member's state (`agents.team.messages.MemberState`), in its units and frame.
 
-    `on_ring` is the number of the ring about which it flies, -1 for none, and `place` its place there. A state that
-    `is_bare` has no aircraft, and no values that an operator commanded. `goes_on` is whether its task goes on from an
-    earlier state, that of `compared_id`, 0 for none (`Team.waits`).
+    `on_ring` is the number of the ring about which it flies, -1 for none, and `place` its place there; `evades` and
+    `is_off_ring` are by its tactic (`agents/tactics.py`). A state that `is_bare` has no aircraft, and no values that an
+    operator commanded. `goes_on` is whether its task goes on from an earlier state, that of `compared_id`, 0 for none
+    (`Team.waits`).
     """
 
     def __init__(
@@ -27,6 +28,8 @@ class StateNumbers:
         on_ring: int,
         place: "PlaceNumbers | None",
         *,
+        evades: bool,
+        is_off_ring: bool,
         has_sightings: bool,
         is_bare: bool,
     ) -> None:
@@ -41,6 +44,8 @@ class StateNumbers:
         self.position_sigma_m: Final = position_sigma_m
         self.on_ring: Final = on_ring
         self.place: Final = place
+        self.evades: Final = evades
+        self.is_off_ring: Final = is_off_ring
         self.has_sightings: Final = has_sightings
         self.is_bare: Final = is_bare
         self.compared_id = 0

@@ -44,6 +44,7 @@ class Team:
         self._lost: dict[int, MemberState] = {}
         self._received: set[int] = set()
         self._near: tuple[MemberState, ...] | None = None
+        self._near_numbers: tuple[StateNumbers, ...] | None = None
         self._near_ids: dict[int, None] | None = None
         self._watched_until_s = -inf
         self._oldest_s = inf
@@ -80,7 +81,7 @@ class Team:
     def watch(self, near: Sequence[MemberState], until_s: float) -> None:
         """Set the near members until a time less than a second from now."""
         self._near_ids = None if len(near) == len(self._members) else dict.fromkeys([each.sender for each in near])
-        self._near, self._watched_until_s = None, until_s
+        self._near, self._near_numbers, self._watched_until_s = None, None, until_s
 
     def receive(self, state: MemberState) -> None:
         """Take a peer's state, unless a newer one is known or it is inconsistent; and its place on the ring."""
@@ -92,7 +93,7 @@ class Team:
         known_s = -inf if known is None else known.time_s
         if self._consistency.accepts(state, known=time_s - known_s <= _SILENT_S) and time_s > known_s:
             self._members[sender], self._numbers[sender] = state, numbers
-            self._all = self._near = None
+            self._all = self._near = self._near_numbers = None
             if self._silent:
                 self._silent.pop(sender, None)
             self._oldest_s = min(self._oldest_s, time_s)
@@ -115,7 +116,7 @@ class Team:
         if member is not None:
             del self._numbers[vehicle_id]
             self._lost[vehicle_id] = member
-            self._all = self._near = None
+            self._all = self._near = self._near_numbers = None
             self.ring.changed()
 
     def expire(self, now_s: float, time_scale: float = 1.0) -> None:
@@ -134,7 +135,7 @@ class Team:
                     self.ring.changed()
                 elif member.time_s < silent_s:
                     self._silent[sender] = member
-                self._near = None
+                self._near = self._near_numbers = None
             self._oldest_s = min([numbers.time_s for numbers in self._numbers.values()], default=inf)
         if self.ring.oldest_s < gone_s:
             self.ring.expire(gone_s)
@@ -159,6 +160,12 @@ class Team:
             near, members = self._members if self._near_ids is None else self._near_ids, self._members
             self._near = tuple([members[each] for each in near if each in members and each not in self._silent])
         return self._near
+
+    def near_numbers(self) -> tuple[StateNumbers, ...]:
+        """Return the numbers of the same states, in the same order."""
+        if self._near_numbers is None:
+            self._near_numbers = tuple([each.numbers for each in self.near()])
+        return self._near_numbers
 
     def lost(self, now_s: float, for_s: float) -> tuple[MemberState, ...]:
         """Return the last state of every peer that fell silent less than `for_s` ago, in flight or landed.

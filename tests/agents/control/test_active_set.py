@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from agents.control.lmpc import ActiveSet
+from agents.control.lmpc import ActiveSet, BoundedCost
 from estimation.state import Vector
 
 FREE = 1e20
@@ -49,12 +49,12 @@ def bounds_about_zero(random: np.random.Generator) -> tuple[Vector, Vector]:
 
 def test_what_is_found_is_optimal_wherever_the_search_began(subtests: pytest.Subtests) -> None:
     hessian, rows = steep(), nearly_parallel()
-    random, kept, counts = np.random.default_rng(1), ActiveSet(hessian, rows), []
+    random, kept, counts = np.random.default_rng(1), ActiveSet(BoundedCost(hessian, rows)), []
     for draw in range(200):
         with subtests.test(draw=draw):
             given = (random.standard_normal(SIZE) * 10.0 ** random.uniform(-2.0, 2.0), *bounds_about_zero(random))
             counts.append(assert_optimal(hessian, rows, given, kept))
-            assert assert_optimal(hessian, rows, given, ActiveSet(hessian, rows)) == counts[-1]
+            assert assert_optimal(hessian, rows, given, ActiveSet(BoundedCost(hessian, rows))) == counts[-1]
     assert set(counts) == {0, 1, 2, 3, 4}
 
 
@@ -63,7 +63,7 @@ def test_bounds_that_depend_on_each_other_are_met_together() -> None:
     lower, upper = np.full(len(rows), -FREE), np.full(len(rows), FREE)
     upper[SIZE:] = 0.0  # all meet in the origin, and the last two are one bound
     gradient = -(hessian @ np.ones(SIZE))
-    active_set = ActiveSet(hessian, rows)
+    active_set = ActiveSet(BoundedCost(hessian, rows))
     assert_optimal(hessian, rows, (gradient, lower, upper), active_set)
     upper[-1] = -1.0  # and now the last one rules
     assert_optimal(hessian, rows, (gradient, lower, upper), active_set)
@@ -75,8 +75,8 @@ def test_the_search_begins_at_the_active_set_found_last_and_ends_when_it_takes_t
     hessian, rows = steep(), nearly_parallel()
     lower, upper = np.full(len(rows), -1.0), np.full(len(rows), 1.0)
     given = (-20.0 * np.ones(SIZE), lower, upper)
-    active_set = ActiveSet(hessian, rows)
+    active_set = ActiveSet(BoundedCost(hessian, rows))
     assert assert_optimal(hessian, rows, given, active_set) > 1
     monkeypatch.setattr("agents.control.lmpc._CHANGES_MAX", 1)
     assert_optimal(hessian, rows, given, active_set)
-    assert ActiveSet(hessian, rows).optimum(*given) is None
+    assert ActiveSet(BoundedCost(hessian, rows)).optimum(*given) is None

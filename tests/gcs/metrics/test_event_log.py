@@ -15,7 +15,6 @@ START_S = 1_700_000_000.0
 def status(
     vehicle_id: int,
     notes: Iterable[Note] = (),
-    peers: Iterable[MemberState] = (),
     answers: Iterable[CommandAnswer] = (),
 ) -> CoreStatus:
     return CoreStatus(
