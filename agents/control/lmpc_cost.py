@@ -8,6 +8,7 @@ Over the decision U = (u_0 ... u_{c-1}), with the last input held to the end of 
 agents/settings/tuning.py. They need no solver: missions are checked with their gains.
 """
 
+from dataclasses import dataclass
 from functools import lru_cache
 from typing import Final
 
@@ -35,7 +36,8 @@ class Gains(msgspec.Struct, frozen=True):
     previous: Vector
 
 
-class QuadraticProgram(msgspec.Struct, frozen=True, eq=False):
+@dataclass(frozen=True, eq=False)
+class QuadraticProgram:
     """Half U' `hessian` U + g' `gradient`' U, with g the state, the reference and the previous input in one vector.
 
     Vehicles with the same settings share one.
