@@ -337,7 +337,7 @@ def test_the_target_of_a_peer_elsewhere_is_where_its_place_on_the_ring_is_about(
         told = peer(3, time_s, tactic="encircle")
         angle = NeighbourAngle(3, told.time_s, float(np.arctan2(8.0, 6.0)), 0.05, 10.0)
         of_before = NeighbourAngle(3, told.time_s - 0.05, 0.0, 0.05, 10.0)
-        told = replace(told, angle=angle if time_s > 3.95 else of_before)
+        told = structs.replace(told, angle=angle if time_s > 3.95 else of_before)
         journal.add_peers([told], own)
         journal.add_peers([told], None)
     flight = record(journal)
