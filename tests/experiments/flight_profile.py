@@ -2,9 +2,10 @@
 
 Each flight is `cordon fly` with default settings, recorded, of stubs on the wall's clock (`cordon sitl`), as of real
 vehicles. With `--sitl` it starts its stubs itself, and its clock waits for them: no tick is late, and start-up includes
-that of the stubs. Cores and memory are those of its processes: the supervisor, the flying process and the log's; the
-process of the stubs has a separate column. The stages are measured in a separate flight, because the measurement takes
-time.
+that of the stubs. With `--speed 0.5` vehicles fly at half the wall's speed: the computer has twice the time for
+everything, as one that is twice as fast. Cores and memory are those of its processes: the supervisor, the flying
+process and the log's; the process of the stubs has a separate column. The stages are measured in a separate flight,
+because the measurement takes time.
 """
 
 import json
@@ -89,18 +90,30 @@ class Profile:
         )
 
 
-def profile(vehicles: int, duration_s: float, stages: Path | None = None, *, sitl: bool = False) -> Profile:
+def profile(
+    vehicles: int, duration_s: float, stages: Path | None = None, *, sitl: bool = False, speed: float = 1.0
+) -> Profile:
     """Fly a team and return its profile, with the stages of its event loop if a file for them is given.
 
-    With `sitl` the flight starts its stubs itself, on a governed clock.
+    With `sitl` the flight starts its stubs itself, on a governed clock. It lasts `duration_s` of the mission, whose
+    clock runs at `speed` times the wall's.
     """
     with TemporaryDirectory() as folder, ExitStack() as stack:
         mission, log = Path(folder, "ring.toml"), Path(folder, "flight.mcap")
         ports = free_ports(2 * vehicles)
         mission.write_text(ring_mission(vehicles, duration_s, ports[:vehicles], ports[vehicles:]), encoding="utf-8")
-        options = ["fly", str(mission), "--speed", "1", "--json", "--log", str(log), *(["--sitl"] if sitl else [])]
-        stubs = None if sitl else stack.enter_context(stub_program(mission))
-        inside = [] if stages is None else [INSIDE, str(stages), str(duration_s)]
+        options = [
+            "fly",
+            str(mission),
+            "--speed",
+            f"{speed:g}",
+            "--json",
+            "--log",
+            str(log),
+            *(["--sitl"] if sitl else []),
+        ]
+        stubs = None if sitl else stack.enter_context(stub_program(mission, speed))
+        inside = [] if stages is None else [INSIDE, str(stages), str(duration_s / speed)]
         program = "gcs" if stages is None else "tests.experiments.flight_profile"
         began_s = time.time()
         output, supervisor_log = Path(folder, "result.json"), Path(folder, "messages.txt")
@@ -114,7 +127,7 @@ def profile(vehicles: int, duration_s: float, stages: Path | None = None, *, sit
             raise RuntimeError(f"the flight of {vehicles} vehicles failed:\n{supervisor_log.read_text()}")
         loop = json.loads(output.read_bytes())["loop"]
         flown = read_log(log)
-        late_ms = np.concatenate([lateness_ms(flown, each) for each in flown.vehicles])
+        late_ms = np.concatenate([lateness_ms(flown, each) for each in flown.vehicles]) / speed
         return Profile(
             vehicles,
             sum(cores[name] for name in CORDON),
@@ -125,7 +138,7 @@ def profile(vehicles: int, duration_s: float, stages: Path | None = None, *, sit
             float(np.percentile(late_ms, 50)),
             float(np.percentile(late_ms, 99)),
             loop["tick_p50_us"],
-            min(next(flown.of_kind(each, Tick)).now_s for each in flown.vehicles) - began_s,
+            min(next(flown.of_kind(each, Tick)).now_s for each in flown.vehicles) / speed - began_s,
             log.stat().st_size / 1e6,
             {} if stages is None else json.loads(stages.read_text(encoding="utf-8")),
         )
@@ -140,9 +153,9 @@ def lateness_ms(log: FlightLog, vehicle_id: int) -> np.ndarray[Any, np.dtype[np.
 
 
 @contextmanager
-def stub_program(mission: Path) -> Iterator[psutil.Process]:
+def stub_program(mission: Path, speed: float) -> Iterator[psutil.Process]:
     """Serve the stubs of a mission on the wall's clock in a process of their own, until the context ends."""
-    command = [sys.executable, "-m", "gcs", "sitl", str(mission)]
+    command = [sys.executable, "-m", "gcs", "sitl", str(mission), "--speed", f"{speed:g}"]
     with subprocess.Popen(command, cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.STDOUT) as program:
         try:
             assert program.stdout is not None
@@ -229,14 +242,16 @@ def main() -> None:
     reader.add_argument("vehicles", nargs="*", type=int, default=sizes, help=f"team sizes (default: {sizes})")
     reader.add_argument("--duration", type=float, default=60.0, help="mission duration, s (default: %(default)s)")
     reader.add_argument("--sitl", action="store_true", help="let each flight start its stubs, on a clock that waits")
+    reader.add_argument("--speed", type=float, default=1.0, help="of the wall's speed (default: %(default)g)")
     reader.add_argument("--stages", action="store_true", help="fly each once more and print its threads and stages")
     chosen = reader.parse_args()
     print(f"| {' | '.join(COLUMNS)} |\n{'|---' * len(COLUMNS)}|", flush=True)
     for count in chosen.vehicles:
-        print(profile(count, chosen.duration, sitl=chosen.sitl).row(), flush=True)
+        print(profile(count, chosen.duration, sitl=chosen.sitl, speed=chosen.speed).row(), flush=True)
     for count in chosen.vehicles if chosen.stages else ():
         with TemporaryDirectory() as folder:
-            measured = profile(count, chosen.duration, Path(folder, "stages.json"), sitl=chosen.sitl).inside
+            stages = Path(folder, "stages.json")
+            measured = profile(count, chosen.duration, stages, sitl=chosen.sitl, speed=chosen.speed).inside
         print(f"\n{count} vehicles", *stage_table(measured), sep="\n", flush=True)
 
 
