@@ -383,6 +383,7 @@ class VehicleCore:
             target_altitude_m=self._altitude.target_m,
             turning_rad_s=self._estimator.ring_frequency_rad_s,
             ring=self._config.ring,
+            added=None if self.added is None else self.added[0],
         )
         return TickOutput(setpoint, (*map(command_answer, self.commands.answers(now_s)), *messages), status)
 

@@ -37,7 +37,8 @@ class CoreStatus(msgspec.Struct, frozen=True, kw_only=True):
     `answers` the peers' answers to operators, both since the last tick. `target_altitude_m` is the estimate of the
     target's altitude if the mission follows it, `drops` are the messages dropped so far, `turning_rad_s` is the assumed
     frequency of the ring-frequency disturbance. `ring` is the number of the ring that it is on or flies to, and that
-    its situation refers to, 0 in a mission of one ring.
+    its situation refers to, 0 in a mission of one ring. `added` is the vehicle that is not in the mission file and has
+    joined, None without one.
     """
 
     vehicle_id: int
@@ -55,6 +56,7 @@ class CoreStatus(msgspec.Struct, frozen=True, kw_only=True):
     target_altitude_m: float | None = None
     turning_rad_s: float = 0.0
     ring: int = 0
+    added: int | None = None
 
     @property
     def own_estimate(self) -> OwnEstimate | None:

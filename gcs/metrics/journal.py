@@ -270,7 +270,7 @@ class Journal:
 
     def enlarge(self, mission: Mission) -> None:
         """Take the mission with a vehicle that has joined the flight."""
-        self._mission, self._count = mission, len(mission.ids)
+        self._mission = mission
 
     def new_events(self) -> list[FlightEvent]:
         """Return the events since the last call, on the team's clock."""
@@ -279,8 +279,9 @@ class Journal:
     def note(self, status: CoreStatus, tick_us: float | None) -> None:
         """Add one tick; outside the control loop, where `tick_us` is None, only its events."""
         self._ids.add(status.vehicle_id)
-        here = self._ids  # once all are here, no vehicle looks through all others at every tick
-        others = [] if len(here) == self._count else [peer for peer in status.peers if peer.sender not in here]
+        here = self._ids
+        all_here = len(here) == self._count and status.added is None  # then none looks through many others every tick
+        others = [] if all_here else [peer for peer in status.peers if peer.sender not in here]
         self.event_log.note(status, others)
         if tick_us is None:
             return

@@ -164,13 +164,15 @@ LANDS_M = 0.2
 
 
 def joined(*told: tuple[float, str, float], until_s: float = 60.0) -> Journal:
-    """Vehicle 1 flies for a minute; vehicle 4, which has joined, sends tactics and heights from times on."""
+    """Three vehicles fly for a minute; vehicle 4, which has joined, sends tactics and heights from times on."""
     journal = Journal(load_mission("case2"))
-    journal.enlarge(joined_mission(load_mission("case2"), 4, AddedVehicle((0.0, -8.0), 8.0)))
+    for vehicle_id in (2, 3):
+        journal.note(status(vehicle_id, 0.0), 80.0)
     for time_s in np.arange(0.0, 60.05, 0.5).tolist():
         newest = [each for each in told if each[0] <= time_s][-1:] if time_s <= until_s else []
         states = [structs.replace(peer(4, time_s, tactic=tactic), altitude_m=z) for _, tactic, z in newest]
-        journal.note(status(1, time_s, peers=states), 80.0)
+        journal.note(structs.replace(status(1, time_s, peers=states), added=4), 80.0)
+    journal.enlarge(joined_mission(load_mission("case2"), 4, AddedVehicle((0.0, -8.0), 8.0)))
     return journal
 
 

@@ -114,9 +114,10 @@ async def test_a_flight_from_connecting_to_landing_and_another_one() -> None:
     config = StubConfig(2, free_port(), PLANT, FRAME, (40.0, -25.0), origin_offset_m=(0.45, -0.3, 0.25))
     with stub_clock(SPEED) as clock, stub_process([config], clock.name) as process:
         async with link_on(clock, udp_in(config), 2, mission, truth=True) as (link, telemetry):
+            assert link.truth is not None
+            link.truth.on_sample = list[Telemetry]().append
             await clock.sleep(3.0)
             assert dist(telemetry[-1].position_m, start_m) < QUANTUM_M
-            assert link.truth is not None
             assert link.truth.newest is not None
             assert dist(link.truth.newest.position_m, start_m) < QUANTUM_M
             for altitude_m in (9.0, 8.0):
