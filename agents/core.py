@@ -142,7 +142,6 @@ class VehicleCore:
             Ground: self._take_ground,
             Telemetry: self._take_telemetry,
             Sighting: self._take_sighting,
-            Message: self._take_message,
             Command: self._take_command,
             Killed: self._take_killed,
             Rejoined: self._take_rejoined,
@@ -539,7 +538,10 @@ class VehicleCore:
 
     def take(self, item: ReceivedInput) -> None:
         """Take what is received between two ticks."""
-        self._takes[type(item)](item)
+        if isinstance(item, Message):  # most of what a vehicle of many receives
+            self._take_message(item)
+        else:
+            self._takes[type(item)](item)
 
     def _take_time_scale(self, item: TimeScale) -> None:
         self._time_scale = item.factor
