@@ -23,6 +23,7 @@ from estimation.state import Vector
 _FORMATION_CONSTRAINED = (2, 3)  # the two speeds
 RING_CONSTRAINED = (1, 2, 3)  # bearing, radial speed, angular rate
 _KEPT: Final = 16
+"""The programmes that vehicles of a process share: one for each plant, and each ring that is flown."""
 
 
 class Gains(msgspec.Struct, frozen=True):
