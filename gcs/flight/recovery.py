@@ -33,7 +33,7 @@ _REPORTS_S = 3.0
 """A vehicle reports everything within this time [wall s]."""
 _MEETS_S = 3.0
 """How long a vehicle shows the others where it hovers, clocks are compared with theirs, and their answers are awaited
-[wall s]: all send five a second. Shown for 3 s, vehicles that had forgotten it passed at 3.5 m or more, with 3 m needed.
+[wall s]: all send five a second. Shown for 3 s, vehicles that had forgotten it passed at 3.5 m or more, of 3 m needed.
 """
 _LISTENS_S = 2.5
 """How long a flight that still runs is listened for on the bus [wall s]: its vehicles send states and reports."""
