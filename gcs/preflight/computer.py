@@ -202,7 +202,7 @@ def judge_computer(facts: ComputerFacts) -> Iterator[Finding]:
 
 
 def _priority(privileges: Privileges) -> Finding:
-    scheduling, locked = privileges
+    scheduling, locked, core = privileges
     memory = "its memory is locked" if locked else "its memory is not locked"
     permitted = locked and scheduling in (Scheduling.REAL_TIME, Scheduling.RAISED)
     well = permitted or scheduling is Scheduling.UNAVAILABLE
@@ -210,7 +210,7 @@ def _priority(privileges: Privileges) -> Finding:
         Grade.PASS if well else Grade.WARNING,
         COMPUTER,
         "priority",
-        f"the flying process runs {scheduling.value}; {memory}",
+        f"the flying process runs {scheduling.value}{'' if core is None else f' on core {core}'}; {memory}",
         "other programs delay a process of normal priority; the system may swap out memory that is not locked",
         _ALLOW,
     )

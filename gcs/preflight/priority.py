@@ -1,12 +1,16 @@
-"""Raised priority and locked memory of this process, as far as the system permits both. Imports nothing heavy.
+"""Raised priority, one core and locked memory of this process, as far as the system permits. Imports nothing heavy.
 
 All threads are raised, also those that the others start afterwards: the control loops wait for the interpreter lock,
 and a thread that holds it may not wait for a processor behind other programs.
+
+All threads run on one core, as only one of them holds the lock: passing it on to a thread of another core takes longer
+than what most threads do with it.
 """
 
 import ctypes
 import os
 import resource
+import socket
 import sys
 from collections.abc import Callable
 from contextlib import suppress
@@ -19,6 +23,7 @@ REAL_TIME_PRIORITY, NICENESS = 1, -10
 SUPERVISOR_PRIORITY = 2
 """Above the flying process: the supervisor can end one that spins."""
 _THREADS = Path("/proc/self/task")
+_CORES = Path("/sys/devices/system/cpu")
 _CURRENT, _FUTURE, _ON_FAULT = 1, 2, 4
 """MCL_CURRENT, MCL_FUTURE and MCL_ONFAULT of Linux: pages are locked once they are in use."""
 _MAY_LOCK = 1 << 14
@@ -35,37 +40,46 @@ class Scheduling(Enum):
 
 
 class Privileges(NamedTuple):
-    """What the system permits to the flying process."""
+    """What the system permits to the flying process; `core` is the one that it runs on, None for any."""
 
     scheduling: Scheduling
     memory_locked: bool
+    core: int | None = None
 
 
 class _Saved(NamedTuple):
     policy: int
     priority: int
     niceness: int
+    cores: set[int]
 
 
 class RaisedPriority:
-    """Raises the priority of this process and locks its memory, as a context manager; its end restores both.
+    """Raises the priority of this process, keeps it on one core and locks its memory; a context manager restores all.
 
-    Processes that are started inside it inherit the priority. `privileges` is what the system permitted.
+    Processes that are started inside it inherit priority and core. `privileges` is what the system permitted.
     """
 
     def __init__(self) -> None:
         self.privileges = Privileges(Scheduling.NORMAL, memory_locked=False)
         self._saved: _Saved | None = None
+        self._claim: socket.socket | None = None
 
     def __enter__(self) -> Self:
-        """Raise and lock."""
+        """Raise, keep on a core, and lock."""
         if sys.platform != "linux":
             self.privileges = Privileges(Scheduling.UNAVAILABLE, memory_locked=False)
             return self
         self._saved = _Saved(
-            os.sched_getscheduler(0), os.sched_getparam(0).sched_priority, os.getpriority(os.PRIO_PROCESS, 0)
+            os.sched_getscheduler(0),
+            os.sched_getparam(0).sched_priority,
+            os.getpriority(os.PRIO_PROCESS, 0),
+            os.sched_getaffinity(0),
         )
-        self.privileges = Privileges(_raised(self._saved.niceness), _lock_memory())
+        core, self._claim = _claimed_core(self._saved.cores)
+        if core is not None:
+            _keep_to({core})
+        self.privileges = Privileges(_raised(self._saved.niceness), _lock_memory(), core)
         return self
 
     def __exit__(
@@ -74,7 +88,10 @@ class RaisedPriority:
         """Restore the priority of the thread that entered, for all threads."""
         if self._saved is None or sys.platform != "linux":
             return
-        policy, priority, niceness = self._saved
+        policy, priority, niceness, cores = self._saved
+        if self._claim is not None:
+            _keep_to(cores)
+            self._claim.close()
         if self.privileges.memory_locked:
             ctypes.CDLL(None).munlockall()
         if self.privileges.scheduling is Scheduling.REAL_TIME:
@@ -110,6 +127,34 @@ if sys.platform == "linux":
             return Scheduling.RAISED
         except PermissionError:
             return Scheduling.NORMAL if niceness >= 0 else Scheduling.RAISED
+
+    def _claimed_core(cores: set[int]) -> tuple[int, socket.socket] | tuple[None, None]:
+        """Choose the fastest core that no other flying process has, and return it with what claims it for this one.
+
+        Of equally fast ones it is the last: most systems handle interrupts on the first. Returns None when other flying
+        processes have all of them.
+        """
+        for core in sorted(cores, key=lambda each: (_frequency_max_khz(each), each), reverse=True):
+            claim = socket.socket(socket.AF_UNIX)
+            try:
+                claim.bind(f"\0cordon-core-{core}")  # a name that ends with the process
+            except OSError:
+                claim.close()
+            else:
+                return core, claim
+        return None, None
+
+    def _frequency_max_khz(core: int) -> int:
+        """Return a core's highest frequency; 0 if the system does not state it, as in a virtual machine."""
+        try:
+            return int((_CORES / f"cpu{core}/cpufreq/cpuinfo_max_freq").read_bytes())
+        except (OSError, ValueError):
+            return 0
+
+    def _keep_to(cores: set[int]) -> None:
+        """Let all threads run on these cores only; on any, if the system has taken these away meanwhile."""
+        with suppress(OSError):
+            _for_all_threads(lambda thread: os.sched_setaffinity(thread, cores))
 
     def _for_all_threads(act: Callable[[int], object]) -> None:
         """Act on each thread, also on those that begin meanwhile and do not inherit from one that was acted on."""

@@ -5,6 +5,8 @@ import os
 import subprocess
 import sys
 import time
+from collections.abc import Iterator, Sequence
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
 import pytest
@@ -122,6 +124,7 @@ def _used_s(pid: int) -> float:
 RAISED = """
 import os, sys, threading
 from gcs.preflight.priority import RaisedPriority
+if sys.argv[2:]: os.sched_setaffinity(0, map(int, sys.argv[2:]))
 def refuse(*_): raise PermissionError
 if "no real time" in sys.argv: os.sched_setscheduler = refuse  # a limit of the nice value alone cannot be set here
 if "nobody" in sys.argv and os.geteuid() == 0:
@@ -133,7 +136,7 @@ def start(): threading.Thread(target=wait.wait, daemon=True).start()
 start()
 with RaisedPriority() as raised:
     start()
-    print(raised.privileges.scheduling.name, raised.privileges.memory_locked, flush=True)
+    print(raised.privileges.scheduling.name, raised.privileges.memory_locked, raised.privileges.core, flush=True)
     input()
 print("restored", flush=True)
 input()
@@ -152,25 +155,62 @@ input()
 def test_all_threads_are_raised_as_far_as_the_system_permits(
     who: str, scheduling: str, policy: tuple[int, int, int]
 ) -> None:
-    """Judged by the kernel's own account of each thread: policy, nice value, real-time priority."""
+    """Judged by the kernel's own account of each thread: policy, nice value, real-time priority, and cores."""
     if not (who == "nobody" or _has_capabilities(CAP_SYS_NICE, CAP_IPC_LOCK)):
         pytest.skip("this user has no right to raise a priority")
-    locks = who != "nobody"
-    process = subprocess.Popen(
-        [sys.executable, "-c", RAISED, who], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, cwd=ROOT
-    )
+    locks, cores = who != "nobody", os.sched_getaffinity(0)
+    process = _started(who)
     with process:
         assert process.stdin is not None
         assert process.stdout is not None
-        assert process.stdout.readline() == f"{scheduling} {locks}\n"
+        reported, locked, core = process.stdout.readline().split()
+        assert (reported, locked) == (scheduling, str(locks))
         assert _scheduled(process.pid) == [policy] * 3
+        assert _cores(process.pid) == [cores if core == "None" else {int(core)}] * 3
         assert (_locked_kb(process.pid) > 1000) == locks
         process.stdin.write("\n")
         process.stdin.flush()
         assert process.stdout.readline() == "restored\n"
         assert _scheduled(process.pid) == [(POLICY, NICE, 0)] * 3
+        assert _cores(process.pid) == [cores] * 3
         assert _locked_kb(process.pid) == 0
         process.stdin.close()
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="cores are those of Linux")
+def test_no_two_flying_processes_are_kept_to_one_core() -> None:
+    """The third on two cores runs on both."""
+    cores = sorted(os.sched_getaffinity(0))[:2]
+    if len(cores) < 2:
+        pytest.skip("this computer has one core")
+    with ExitStack() as stack:
+        kept_to = [stack.enter_context(_raised("nobody", cores)) for _ in range(3)]
+        counts = sorted([len(each) for each in kept_to])
+        assert counts[-1] == 2
+        alone = [each for each in kept_to if len(each) == 1]
+        assert len(set(map(frozenset, alone))) == len(alone)
+
+
+def _started(*arguments: str) -> "subprocess.Popen[str]":
+    return subprocess.Popen(
+        [sys.executable, "-c", RAISED, *arguments], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, cwd=ROOT
+    )
+
+
+@contextmanager
+def _raised(who: str, cores: Sequence[int]) -> Iterator[set[int]]:
+    """Raise a process that may run on some cores, and return those that its threads run on."""
+    with _started(who, *map(str, cores)) as process:
+        assert process.stdout is not None
+        process.stdout.readline()
+        (used,) = set(map(frozenset, _cores(process.pid)))
+        yield set(used)
+        process.kill()
+
+
+def _cores(pid: int) -> list[set[int]]:
+    """Return the cores that each thread may run on, by the kernel."""
+    return [os.sched_getaffinity(int(thread.name)) for thread in Path(f"/proc/{pid}/task").iterdir()]
 
 
 def _has_capabilities(*bits: int) -> bool:
@@ -197,7 +237,7 @@ def found(late_s: float, privileges: Privileges) -> dict[str, Finding]:
     return {each.check: each for each in judge_computer(ComputerFacts(late, programs, privileges))}
 
 
-ALL = Privileges(Scheduling.REAL_TIME, memory_locked=True)
+ALL = Privileges(Scheduling.REAL_TIME, memory_locked=True, core=3)
 
 
 @pytest.mark.parametrize(("late_s", "grade"), [(0.05, Grade.PASS), (0.2, Grade.WARNING), (0.201, Grade.REFUSE)])
@@ -212,6 +252,7 @@ def test_a_late_computer_is_refused_with_the_programs_that_keep_it_busy(late_s: 
 @pytest.mark.parametrize(
     ("privileges", "grade"),
     [
+        (ALL, Grade.PASS),
         (Privileges(Scheduling.RAISED, memory_locked=True), Grade.PASS),
         (Privileges(Scheduling.REAL_TIME, memory_locked=False), Grade.WARNING),
         (Privileges(Scheduling.NORMAL, memory_locked=True), Grade.WARNING),
@@ -222,6 +263,7 @@ def test_what_the_system_does_not_permit_is_a_warning_with_what_to_permit(privil
     finding = found(0.0, privileges)["priority"]
     assert finding.grade is grade
     assert privileges.scheduling.value in finding.found
+    assert ("on core 3" in finding.found) == (privileges is ALL)
     assert ("is locked" in finding.found) == privileges.memory_locked
     for part in ("rtprio", "nice -10", "memlock unlimited", "limits.d"):
         assert (part in finding.next_step) == (grade is Grade.WARNING)
