@@ -127,7 +127,7 @@ from gcs.preflight.priority import RaisedPriority
 if sys.argv[2:]: os.sched_setaffinity(0, map(int, sys.argv[2:]))
 def refuse(*_): raise PermissionError
 if "no real time" in sys.argv: os.sched_setscheduler = refuse  # a limit of the nice value alone cannot be set here
-if "nobody" in sys.argv and os.geteuid() == 0:
+if "no rights" in sys.argv and os.geteuid() == 0:
     os.setgroups([])
     os.setgid(65534)
     os.setuid(65534)
@@ -149,16 +149,16 @@ input()
     [
         ("root", "REAL_TIME", (2, NICE, 1)),
         ("no real time", "RAISED", (POLICY, -10, 0)),
-        ("nobody", "NORMAL", (POLICY, NICE, 0)),
+        ("no rights", "NORMAL", (POLICY, NICE, 0)),
     ],
 )
 def test_all_threads_are_raised_as_far_as_the_system_permits(
     who: str, scheduling: str, policy: tuple[int, int, int]
 ) -> None:
     """Judged by the kernel's own account of each thread: policy, nice value, real-time priority, and cores."""
-    if not (who == "nobody" or _has_capabilities(CAP_SYS_NICE, CAP_IPC_LOCK)):
+    if not (who == "no rights" or _has_capabilities(CAP_SYS_NICE, CAP_IPC_LOCK)):
         pytest.skip("this user has no right to raise a priority")
-    locks, cores = who != "nobody", os.sched_getaffinity(0)
+    locks, cores = who != "no rights", os.sched_getaffinity(0)
     process = _started(who)
     with process:
         assert process.stdin is not None
@@ -184,7 +184,7 @@ def test_no_two_flying_processes_are_kept_to_one_core() -> None:
     if len(cores) < 2:
         pytest.skip("this computer has one core")
     with ExitStack() as stack:
-        kept_to = [stack.enter_context(_raised("nobody", cores)) for _ in range(3)]
+        kept_to = [stack.enter_context(_raised("no rights", cores)) for _ in range(3)]
         counts = sorted([len(each) for each in kept_to])
         assert counts[-1] == 2
         alone = [each for each in kept_to if len(each) == 1]
