@@ -15,11 +15,13 @@ from typing import Protocol, Self
 from weakref import WeakKeyDictionary
 
 from sitl.server.clock_memory import MOTION, NEVER_US, SETPOINT, VEHICLES
-from sitl.server.shared_clock import LOOK_S, US_PER_S, ClockName, Rank, Seat
+from sitl.server.shared_clock import LATE_MAX_S, LOOK_S, US_PER_S, ClockName, Rank, Seat
 from sitl.server.wall_limit import WallLimit
 
 HELD_MAX_S = 1.0
-"""Wall time for which work on this computer holds the time, without that for which it lacks the processor."""
+"""Wall time for which work on this computer holds the time, without that for which it lacks the processor. As long as
+the work goes on after that, the time passes no faster than the wall's.
+"""
 TRANSIT_MAX_S = 0.5
 """Wall time after which a message that has not arrived is taken as lost. It passes from thread to thread, behind all
 others: the times for which each of them computes, or lacks the processor, do not count.
@@ -78,6 +80,8 @@ class GovernedClock:
         self._arriving: list[Arriving] = []
         self._in_transit: WallLimit | None = None
         self._holds: set[WallLimit] = set()
+        self._long_holds: set[WallLimit] = set()
+        self._paced_us, self._paced_s = 0, 0.0
         self._asked = False
         self._looks: asyncio.Handle | None = None
         self._looks_later: asyncio.TimerHandle | None = None
@@ -142,16 +146,18 @@ class GovernedClock:
     def held(self) -> Iterator[None]:
         """Return a context of work on this computer, during which the time stands still, for `HELD_MAX_S` at most.
 
-        A call to a vehicle that does not answer takes longer, and this event loop has other vehicles to fly.
+        A call to a vehicle that does not answer takes longer, and this event loop has other vehicles to fly. From then
+        on the time passes no faster than the wall's, by which MAVSDK gives a call up: it takes as much of both.
         """
         hold = WallLimit(HELD_MAX_S, WAITS_LONGEST_S, os.getpid(), time.monotonic())
         self._holds.add(hold)
-        self._state()
+        self._state(self._seat.now_us)
         self.look()
         try:
             yield
         finally:
             self._holds.discard(hold)
+            self._long_holds.discard(hold)
             self.look()
 
     def transit(self, system_id: int) -> "GovernedLinkTransit":
@@ -215,11 +221,11 @@ class GovernedClock:
             self.look()
             return
         wall_s = time.monotonic()
-        self._holds = {hold for hold in self._holds if not hold.is_over(wall_s)}
-        self._state()
-        if self._holds:
+        limit_us = self._limit_us(wall_s)
+        next_us = self._state(limit_us)
+        if self._holds or next_us > limit_us:
             self._seat.note_wait()
-            self._look_later(LOOK_S)
+            self._look_later(LOOK_S if self._holds else min(LOOK_S, (next_us - limit_us) / US_PER_S))
             return
         if not self._alarms:
             return
@@ -232,14 +238,29 @@ class GovernedClock:
             self._loop.call_soon(heappop(self._alarms)[2].ring)  # an exception of one does not affect the others
         self.look()
 
-    def _state(self) -> None:
-        """State the time of the next event: the present time as long as work on this computer is under way."""
+    def _limit_us(self, wall_s: float) -> int:
+        """Return the latest time that may come now: work on this computer holds the time, and then paces it."""
+        over = {hold for hold in self._holds if hold.is_over(wall_s)}
+        self._holds -= over
+        self._long_holds |= over
+        now_us = self._seat.now_us
+        if self._holds or not self._long_holds:
+            self._paced_us, self._paced_s = now_us, wall_s
+            return now_us if self._holds else NEVER_US
+        # A time that is further behind does not catch up.
+        before_us = min(self._paced_us, now_us + round(LATE_MAX_S * US_PER_S))
+        self._paced_us, self._paced_s = before_us + round((wall_s - self._paced_s) * US_PER_S), wall_s
+        return self._paced_us
+
+    def _state(self, limit_us: int) -> int:
+        """State the time of the next event, or the latest that may come now; return that of the next event."""
         while self._alarms and self._alarms[0][2].call is None:
             heappop(self._alarms)
         next_us = self._alarms[0][0] if self._alarms else NEVER_US
-        event_us = min(next_us, self._seat.now_us) if self._holds else next_us
-        if event_us != self._seat.waits_us or self._holds:
+        event_us = min(next_us, limit_us)
+        if event_us != self._seat.waits_us or limit_us < NEVER_US:
             self._seat.state(event_us)
+        return next_us
 
     def _arrival_s(self) -> float:
         """Return wall seconds after which to look again for messages under way; 0 if all have arrived, or are lost."""

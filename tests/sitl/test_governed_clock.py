@@ -301,6 +301,34 @@ async def test_the_time_stands_still_while_work_of_this_computer_is_awaited(fast
         await until(lambda: other.turn() == 0.0)
 
 
+async def test_work_that_takes_longer_paces_the_time_by_the_walls(
+    fast: ClockName, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("sitl.server.governed_clock.HELD_MAX_S", 0.1)
+    stepped = 0
+
+    async def step(clock: GovernedClock) -> None:
+        nonlocal stepped
+        while True:
+            await clock.sleep(0.004)
+            stepped += 1
+
+    with GovernedClock(fast, Rank.STUBS) as stubs, GovernedClock(fast, Rank.AGENTS) as clock:
+        stepping = asyncio.create_task(step(stubs))
+        with clock.held():
+            began_s, wall_s = clock.now_s(), time.monotonic()
+            await clock.sleep(0.4)
+            passed_s = clock.now_s() - began_s
+            took_s = time.monotonic() - wall_s
+            assert passed_s == pytest.approx(0.4)
+            assert took_s >= 0.1 + 0.4 - 0.05, "it ran faster than the wall's"
+            assert stepped in (100, 101), "the others have gone on with it"
+        wall_s = time.monotonic()
+        await clock.sleep(20.0)
+        assert time.monotonic() - wall_s < 20.0 / 2.0, "it is fast again"
+        stepping.cancel()
+
+
 async def test_motions_and_setpoints_under_way_are_waited_for(fast: ClockName, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("sitl.server.governed_clock.TRANSIT_MAX_S", 0.2)
     with GovernedClock(fast, Rank.AGENTS) as client, GovernedClock(fast, Rank.STUBS) as stubs:

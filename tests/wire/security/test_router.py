@@ -314,7 +314,6 @@ async def test_one_computer_with_keys_takes_no_operators_place(tmp_path: Path) -
 
         def heard() -> bool:
             anna.publish("command/hold", encode(OperatorCommand(time.time(), "hold", None, "anna", 1)))
-            return "command/hold/anna" in team.heard["1"]
+            return "command/hold/anna" in team.heard["1"] and one.operated
 
-        await until(heard, waiting_for="the operator")
-        assert one.operated
+        await until(heard, waiting_for="the operator and her presence")
