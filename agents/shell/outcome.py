@@ -26,6 +26,7 @@ BY_OPERATOR = Outcome(FlightEnd.OPERATOR, "the operator ended the flight")
 KILLED = Outcome(FlightEnd.KILLED, "an operator had its motors cut", "recover and inspect it")
 LOST = Outcome(FlightEnd.LOST, "its link was lost, and no landing was reported", "search at its last position")
 UNUSED = Outcome(FlightEnd.LANDED, "stayed on the ground in reserve")
+FLIES_AGAIN = Outcome(FlightEnd.IN_FLIGHT, "it flies again")
 FAILED = Outcome(FlightEnd.ERROR)
 _BATTERY = frozenset(each.value for each in (Condition.BATTERY_LOW, Condition.BATTERY_CRITICAL, Condition.NO_WAY_HOME))
 

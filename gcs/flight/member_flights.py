@@ -10,7 +10,7 @@ from math import cos, dist, sin
 
 from agents.control.plan import PlannerError
 from agents.flight_end import FlightEnd
-from agents.shell.outcome import UNUSED, Outcome
+from agents.shell.outcome import FLIES_AGAIN, UNUSED, Outcome
 from agents.tactics import Tactic
 from agents.team.messages import MemberState
 from estimation.frames import Triple
@@ -75,6 +75,7 @@ class MemberFlights:
                 agent.stay(refusal)
                 continue
             self._reserves.note_again(member.vehicle.id)
+            team.note_end(member, FLIES_AGAIN)
             again = await flown(team, member, agent.fly_again(team.plan.duration_s, team.stop))
             self._reserves.note_end(member.vehicle.id, again)
             outcome = replace(again, flew=outcome.flew or again.flew)
@@ -217,9 +218,11 @@ async def begun(team: FlightTeam, member: Member, flight: Coroutine[None, None, 
 async def flown(team: FlightTeam, member: Member, flight: Coroutine[None, None, Outcome]) -> Outcome:
     """Return the outcome of a vehicle's flight; a fault of the program ends that of the team."""
     try:
-        return await flight
+        outcome = await flight
     except Exception as error:  # a bug in one agent must not leave the other vehicles without control
         traceback.print_exc()
         team.stop.request(Outcome(FlightEnd.FAILSAFE, f"the agent of vehicle {member.vehicle.id} failed"))
         step = "correct the planner" if isinstance(error, PlannerError) else "report this with the text above"
-        return Outcome(FlightEnd.ERROR, f"{type(error).__name__}: {error}", step, flew=True)
+        outcome = Outcome(FlightEnd.ERROR, f"{type(error).__name__}: {error}", step, flew=True)
+    team.note_end(member, outcome)
+    return outcome

@@ -113,7 +113,8 @@ class FlightTeam:
     by the vehicle's system id. `absent` are reserves that have not been received yet, with the reason. `newest` is each
     vehicle's newest status, also during take-off and landing; `buses` and `kinds` are the vehicles' buses and kinds by
     id. `priority` is entered for a flight on the wall's clock.
-    `accompanied` are members that their pilots fly, from the beginning.
+    `accompanied` are members that their pilots fly, from the beginning; `ends` is the end of each vehicle's flight in
+    the log.
     """
 
     plan: FlightPlan
@@ -131,6 +132,7 @@ class FlightTeam:
     kinds: dict[int, str] = field(default_factory=dict)
     priority: RaisedPriority = field(default_factory=RaisedPriority)
     accompanied: set[int] = field(default_factory=set)
+    ends: dict[int, VehicleEnd] = field(default_factory=dict)
 
     @property
     def agents(self) -> list[Agent]:
@@ -336,21 +338,22 @@ class FlightTeam:
         truths = (member.link.truth for member in self.members)
         return tuple(truth.track() for truth in truths if truth is not None and truth.newest is not None)
 
+    def note_end(self, member: Member, outcome: Outcome) -> None:
+        """Add to the log how a vehicle's flight has ended, unless the log says so: this process may not end by itself.
+
+        `outcome` is `FLIES_AGAIN` as long as that of a further flight is not known.
+        """
+        loop, agent = member.agent.loop, member.agent
+        end = VehicleEnd(loop.ticks, loop.missed, agent.ended_s, outcome.how.value, _reason(outcome), agent.unaccounted)
+        if self.ends.get(member.vehicle.id) != end:
+            self.ends[member.vehicle.id] = end
+            self.recording.end_vehicle(member.vehicle.id, end)
+
     def complete(self, stubs: StubRecord | None, record: FlightRecord | None, outcomes: Mapping[int, Outcome]) -> None:
         """Add to the log what is known once the flight is over."""
         true = {} if stubs is None else {track.vehicle_id: track for track in stubs.tracks}  # by system id
         for member in self.members:
-            loop = member.agent.loop
-            outcome = outcomes[member.vehicle.id]
-            end = VehicleEnd(
-                loop.ticks,
-                loop.missed,
-                member.agent.ended_s,
-                outcome.how.value,
-                _reason(outcome),
-                outcome.unaccounted,
-            )
-            self.recording.end_vehicle(member.vehicle.id, end)
+            self.note_end(member, outcomes[member.vehicle.id])
             if member.vehicle.system_id in true:
                 self.recording.true_track(member.vehicle.id, true[member.vehicle.system_id])
         if record is not None:

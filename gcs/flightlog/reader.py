@@ -13,6 +13,7 @@ import msgspec
 import numpy as np
 from mcap.records import Channel, Schema
 
+from agents.flight_end import FlightEnd
 from agents.inputs import Message as BusInput
 from agents.team.codec import decode
 from agents.team.messages import BusMessage
@@ -27,7 +28,17 @@ from gcs.flightlog.container import (
     NoContainerError,
     unpadded_bytes,
 )
-from gcs.flightlog.records import FORMAT, RUN_TOPICS, VEHICLE_TOPICS, Carried, Run, RunEnd, Taken, TargetTruth
+from gcs.flightlog.records import (
+    FORMAT,
+    RUN_TOPICS,
+    VEHICLE_TOPICS,
+    Carried,
+    Run,
+    RunEnd,
+    Taken,
+    TargetTruth,
+    VehicleEnd,
+)
 from gcs.flightlog.schema import PACKAGE, Decoder
 
 
@@ -229,6 +240,12 @@ class FlightLog:
     def of_kind(self, vehicle_id: int, kind: type[RecordT]) -> Iterator[RecordT]:
         """Return a vehicle's records of one kind, in order."""
         return (each.read(kind) for each in self.vehicles.get(vehicle_id, ()) if each.kind is kind)
+
+    def end_of(self, vehicle_id: int) -> VehicleEnd | None:
+        """Return how a vehicle's flight ended, None if the log ends before that."""
+        records = reversed(self.vehicles.get(vehicle_id, ()))
+        end = next((each.read(VehicleEnd) for each in records if each.kind is VehicleEnd), None)
+        return None if end is None or end.how == FlightEnd.IN_FLIGHT.value else end
 
 
 def read_log(path: Path) -> FlightLog:

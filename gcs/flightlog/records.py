@@ -240,7 +240,8 @@ class TargetTruth(msgspec.Struct, frozen=True):
 class VehicleEnd(msgspec.Struct, frozen=True):
     """The totals of a vehicle's control loop, when its mission ended and the way down began, and how and why.
 
-    `how` is a value of `agents.flight_end.FlightEnd`. `unaccounted` is set if the vehicle is.
+    `how` is a value of `agents.flight_end.FlightEnd`. `unaccounted` is set if the vehicle is. The last one of a vehicle
+    counts; `how` is "in flight" in that of one that flies again.
     """
 
     ticks: int

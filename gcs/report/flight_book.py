@@ -239,8 +239,7 @@ def _endings(log: FlightLog, vehicles: Sequence[BookedVehicle]) -> Iterator[Vehi
     """Return how the vehicles ended that took off or whose end is recorded."""
     for vehicle in vehicles:
         records = log.vehicles.get(vehicle.id, ())
-        end = next((each.read(VehicleEnd) for each in reversed(records) if each.kind is VehicleEnd), None)
-        if end is not None:
+        if (end := log.end_of(vehicle.id)) is not None:
             yield VehicleEnding(vehicle.id, FlightEnd(end.how), end.reason)
         elif vehicle.airborne_s or any(each.kind is Start for each in records):
             yield VehicleEnding(vehicle.id, FlightEnd.IN_FLIGHT, "the log ends in flight")

@@ -16,7 +16,7 @@ from gcs.console.rings import ring_names
 from gcs.console.vehicle_view import VehicleView, with_surroundings
 from gcs.flightlog.container import LogError
 from gcs.flightlog.reader import FlightLog
-from gcs.flightlog.records import Decision, VehicleEnd
+from gcs.flightlog.records import Decision
 from gcs.flightlog.run import mission_of
 from gcs.metrics.ending import TeamEnding, VehicleEnding
 from gcs.mission.geometry import areas
@@ -176,7 +176,7 @@ def _ending(logs: Sequence[FlightLog]) -> str:
     """Return how the flight ended, in one line."""
     endings = []
     for log, vehicle_id in _recorded(logs):
-        end = next(log.of_kind(vehicle_id, VehicleEnd), None)
+        end = log.end_of(vehicle_id)
         if end is None:
             endings.append(VehicleEnding(vehicle_id, FlightEnd.IN_FLIGHT, "the log ends in flight"))
         else:

@@ -61,7 +61,7 @@ class RecordedVehicle:
         self.rings: list[tuple[float, RingCommanded]] = []
         self._records = log.vehicles.get(vehicle_id, [])
         self._speed = log.run.speed
-        self._end = next(log.of_kind(vehicle_id, VehicleEnd), None)
+        self._end = log.end_of(vehicle_id)
 
     def sampled(self, times_s: Iterable[float]) -> Iterator[Sampled]:
         """Return the vehicle at times in order, each by its newest tick then; raises LogError for a damaged record."""
@@ -95,11 +95,14 @@ class RecordedVehicle:
                     self.events.append((self._received_s(record), text, "information"))
             elif record.kind is Telemetry:
                 altitude_m, motion_s = record.message().position_m[2], self._received_s(record)
-            elif record.kind is VehicleEnd and self._end is not None and self._end.how:
-                level: Severity = "information" if FlightEnd(self._end.how) in _AS_PLANNED else "warning"
-                text = f"flight ended: {self._end.reason}"
-                if self._end.unaccounted is not None:
-                    text, level = f"{UNACCOUNTED}: {self._end.reason}", "alarm"
+            elif record.kind is VehicleEnd:
+                end = record.read(VehicleEnd)
+                if end.how in ("", FlightEnd.IN_FLIGHT.value):  # of an early version; or it flies again
+                    continue
+                level: Severity = "information" if FlightEnd(end.how) in _AS_PLANNED else "warning"
+                text = f"flight ended: {end.reason}"
+                if end.unaccounted is not None:
+                    text, level = f"{UNACCOUNTED}: {end.reason}", "alarm"
                 self.events.append((self._received_s(record), text, level))
 
     def _received_s(self, record: LogRecord) -> float:

@@ -7,10 +7,13 @@ import asyncio
 import json
 import signal
 from collections.abc import Callable
+from dataclasses import replace
+from math import inf
 from pathlib import Path
 
 import pytest
 
+from gcs.flightlog.reader import read_log
 from gcs.report.flight_book import read_book
 from tests.support.served_team import UNLIKE, team_of
 from tests.support.swaps import NEAR_TARGET, SETTLING_S, RingTruth, Tracks, commanded, ended, in_offboard, swap, told
@@ -70,10 +73,20 @@ async def test_a_vehicle_that_landed_with_a_low_battery_comes_back_into_the_ring
         replayed = b"".join(await replay.communicate())
         assert replay.returncode == 0, replayed.decode()
         assert b"compared bit for bit" in replayed
+    ends = {at_s: end_if_killed(log, 2, at_s) for at_s in (swapped.low_s, swapped.rejoined_s, ends_s, inf)}
+    assert list(ends.values()) == [None, "battery", None, "operator"], ends
     [booked] = read_book([log], lambda _share: None, with_verdicts=False).flights
     for flown in booked.vehicles:
         aloft_s = 0.1 * sum(flown.id in sample.places_m for sample in tracks.samples)
         assert flown.airborne_s == pytest.approx(aloft_s, abs=6.0), "its minutes are those of both flights"
+
+
+def end_if_killed(log: Path, vehicle_id: int, at_s: float) -> str | None:
+    """Return what the log says of the end of a vehicle's flight if the flying process is killed at a time."""
+    whole = read_log(log)
+    until_then = [each for each in whole.vehicles[vehicle_id] if each.time_ns * 1e-9 <= at_s]
+    end = replace(whole, vehicles={vehicle_id: until_then}).end_of(vehicle_id)
+    return None if end is None else end.how
 
 
 FOURTH = """

@@ -17,7 +17,7 @@ from agents.team.messages import BusMessage, CameraView, CommandAnswer, MemberSt
 from estimation.state import MOTION, Telemetry, Vector
 from gcs.flightlog.container import LogError
 from gcs.flightlog.reader import FlightLog, LogRecord
-from gcs.flightlog.records import Cost, Decision, Run, Taken, Truth, Vehicle, VehicleEnd, notes_of, ring_of
+from gcs.flightlog.records import Cost, Decision, Run, Taken, Truth, Vehicle, notes_of, ring_of
 from gcs.flightlog.run import mission_of, planner_text
 from gcs.flightlog.schema import plain_message
 from gcs.metrics.ending import Unaccounted, VehicleEnding
@@ -222,7 +222,7 @@ class _VehicleReader:
         self._truth: dict[bool, list[tuple[float, ...]]] = {False: [], True: []}
         self._late = 0
         self._dropped = ""
-        self._end: VehicleEnd | None = None
+        self._end = log.end_of(vehicle_id)
         records = log.vehicles.get(vehicle_id, [])
         self._costs_us = {cost.time_s: cost.tick_us for cost in log.of_kind(vehicle_id, Cost)}
         takers: dict[type[Any], Callable[[LogRecord], None]] = {
@@ -240,8 +240,6 @@ class _VehicleReader:
                 self._late = record.read(LateTicks).count
             elif record.kind is Start:
                 self.start_s = record.read(Start).at_s
-            elif record.kind is VehicleEnd:
-                self._end = record.read(VehicleEnd)
 
     @property
     def ticks(self) -> int:
