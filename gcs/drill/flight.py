@@ -27,6 +27,7 @@ from gcs.flight.faults.catalogue import required_fault
 from gcs.flight.faults.team_faults import Injection, TeamFaults, TeamInFlight, UnauthorisedClient
 from gcs.keys.team_keys import NoKeys, TeamKeys, flight_keys
 from gcs.mission.file import parse_mission
+from sitl.server.one_core import OneCore
 
 _POLL_S = 0.02
 _BEGUN_TIMEOUT_S = 300.0
@@ -208,6 +209,7 @@ class DrillFlight:
         server = await asyncio.start_unix_server(self._under_test.accept, path)
         self._stack.callback(server.close)
         await self._fly(mission_file, path)
+        self._stack.enter_context(OneCore())  # the flying process does not inherit it, but has its own
         await self._listen()
         watching = asyncio.create_task(self._watch())
         self._stack.push_async_callback(_cancelled, watching)

@@ -49,6 +49,7 @@ from gcs.metrics.record import FlightRecord
 from gcs.mission.mission import Mission
 from gcs.preflight.findings import Grade
 from sitl.server.governed_clock import GovernedClock
+from sitl.server.one_core import OneCore
 from sitl.server.shared_clock import ClockError, Rank, new_clock
 
 _PERIOD_S = 0.1
@@ -268,8 +269,8 @@ async def _fly(
             lambda: loop.call_soon_threadsafe(team.stop.request, _ORPHANED if supervisor.is_lost else BY_OPERATOR)
         )
         stubs = await stack.enter_async_context(flight_stubs)
-        if plan.needs_prompt_computer:  # after the stubs: they do not inherit it
-            stack.enter_context(team.priority)
+        # After the stubs: they do not inherit it.
+        stack.enter_context(team.priority if plan.needs_prompt_computer else OneCore())
         hub = MavsdkHub(clock)
         stack.push_async_callback(hub.close)
         team.equip(hub, supervisor.heartbeat)

@@ -5,7 +5,7 @@ A flight of other vehicles imports nothing that serves stubs: it takes ten megab
 
 import asyncio
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager, nullcontext, suppress
 from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING, Self
@@ -23,6 +23,7 @@ from gcs.signals import relay
 from sitl.faults import VehicleInjection
 from sitl.server.endpoint import StubClock
 from sitl.server.governed_clock import GovernedClock
+from sitl.server.one_core import OneCore
 from sitl.server.record import StubRecord
 from sitl.server.shared_clock import ClockError, ClockName, Rank, clock_of, new_clock
 
@@ -118,7 +119,8 @@ async def serve_until_ctrl_c(configs: "Sequence[StubConfig]", make_clock: Callab
     relay(lambda: loop.call_soon_threadsafe(stop.set))
     clock = make_clock()
     try:
-        await serve(configs, clock, stop)
+        with OneCore() if isinstance(clock, GovernedClock) else nullcontext():
+            await serve(configs, clock, stop)
     finally:
         clock.close()
 

@@ -1,29 +1,25 @@
 """Raised priority, one core and locked memory of this process, as far as the system permits. Imports nothing heavy.
 
 All threads are raised, also those that the others start afterwards: the control loops wait for the interpreter lock,
-and a thread that holds it may not wait for a processor behind other programs.
-
-All threads run on one core, as only one of them holds the lock: passing it on to a thread of another core takes longer
-than what most threads do with it.
+and a thread that holds it may not wait for a processor behind other programs. They run on one core, as
+`sitl/server/one_core.py` explains.
 """
 
 import ctypes
 import os
 import resource
-import socket
 import sys
-from collections.abc import Callable
 from contextlib import suppress
 from enum import Enum
 from pathlib import Path
 from types import TracebackType
 from typing import NamedTuple, Self
 
+from sitl.server.one_core import OneCore, for_all_threads
+
 REAL_TIME_PRIORITY, NICENESS = 1, -10
 SUPERVISOR_PRIORITY = 2
 """Above the flying process: the supervisor can end one that spins."""
-_THREADS = Path("/proc/self/task")
-_CORES = Path("/sys/devices/system/cpu")
 _CURRENT, _FUTURE, _ON_FAULT = 1, 2, 4
 """MCL_CURRENT, MCL_FUTURE and MCL_ONFAULT of Linux: pages are locked once they are in use."""
 _MAY_LOCK = 1 << 14
@@ -51,7 +47,6 @@ class _Saved(NamedTuple):
     policy: int
     priority: int
     niceness: int
-    cores: set[int]
 
 
 class RaisedPriority:
@@ -63,7 +58,7 @@ class RaisedPriority:
     def __init__(self) -> None:
         self.privileges = Privileges(Scheduling.NORMAL, memory_locked=False)
         self._saved: _Saved | None = None
-        self._claim: socket.socket | None = None
+        self._one_core = OneCore(priority=True)
 
     def __enter__(self) -> Self:
         """Raise, keep on a core, and lock."""
@@ -74,11 +69,8 @@ class RaisedPriority:
             os.sched_getscheduler(0),
             os.sched_getparam(0).sched_priority,
             os.getpriority(os.PRIO_PROCESS, 0),
-            os.sched_getaffinity(0),
         )
-        core, self._claim = _claimed_core(self._saved.cores)
-        if core is not None:
-            _keep_to({core})
+        core = self._one_core.__enter__().core
         self.privileges = Privileges(_raised(self._saved.niceness), _lock_memory(), core)
         return self
 
@@ -88,16 +80,14 @@ class RaisedPriority:
         """Restore the priority of the thread that entered, for all threads."""
         if self._saved is None or sys.platform != "linux":
             return
-        policy, priority, niceness, cores = self._saved
-        if self._claim is not None:
-            _keep_to(cores)
-            self._claim.close()
+        policy, priority, niceness = self._saved
+        self._one_core.__exit__()
         if self.privileges.memory_locked:
             ctypes.CDLL(None).munlockall()
         if self.privileges.scheduling is Scheduling.REAL_TIME:
-            _for_all_threads(lambda thread: os.sched_setscheduler(thread, policy, os.sched_param(priority)))
+            for_all_threads(lambda thread: os.sched_setscheduler(thread, policy, os.sched_param(priority)))
         elif self.privileges.scheduling is Scheduling.RAISED:
-            _for_all_threads(lambda thread: os.setpriority(os.PRIO_PROCESS, thread, niceness))
+            for_all_threads(lambda thread: os.setpriority(os.PRIO_PROCESS, thread, niceness))
 
 
 def raise_supervisor() -> None:
@@ -116,54 +106,17 @@ if sys.platform == "linux":
     def _raised(niceness: int) -> Scheduling:
         """Raise all threads as far as permitted."""
         try:
-            _for_all_threads(
+            for_all_threads(
                 lambda thread: os.sched_setscheduler(thread, os.SCHED_RR, os.sched_param(REAL_TIME_PRIORITY))
             )
             return Scheduling.REAL_TIME
         except PermissionError:
             pass
         try:
-            _for_all_threads(lambda thread: os.setpriority(os.PRIO_PROCESS, thread, min(niceness, NICENESS)))
+            for_all_threads(lambda thread: os.setpriority(os.PRIO_PROCESS, thread, min(niceness, NICENESS)))
             return Scheduling.RAISED
         except PermissionError:
             return Scheduling.NORMAL if niceness >= 0 else Scheduling.RAISED
-
-    def _claimed_core(cores: set[int]) -> tuple[int, socket.socket] | tuple[None, None]:
-        """Choose the fastest core that no other flying process has, and return it with what claims it for this one.
-
-        Of equally fast ones it is the last: most systems handle interrupts on the first. Returns None when other flying
-        processes have all of them.
-        """
-        for core in sorted(cores, key=lambda each: (_frequency_max_khz(each), each), reverse=True):
-            claim = socket.socket(socket.AF_UNIX)
-            try:
-                claim.bind(f"\0cordon-core-{core}")  # a name that ends with the process
-            except OSError:
-                claim.close()
-            else:
-                return core, claim
-        return None, None
-
-    def _frequency_max_khz(core: int) -> int:
-        """Return a core's highest frequency; 0 if the system does not state it, as in a virtual machine."""
-        try:
-            return int((_CORES / f"cpu{core}/cpufreq/cpuinfo_max_freq").read_bytes())
-        except (OSError, ValueError):
-            return 0
-
-    def _keep_to(cores: set[int]) -> None:
-        """Let all threads run on these cores only; on any, if the system has taken these away meanwhile."""
-        with suppress(OSError):
-            _for_all_threads(lambda thread: os.sched_setaffinity(thread, cores))
-
-    def _for_all_threads(act: Callable[[int], object]) -> None:
-        """Act on each thread, also on those that begin meanwhile and do not inherit from one that was acted on."""
-        done: set[int] = set()
-        while new := {int(thread.name) for thread in _THREADS.iterdir()} - done:
-            for thread in new:
-                with suppress(ProcessLookupError):  # it has ended
-                    act(thread)
-            done |= new
 
     def _lock_memory() -> bool:
         """Lock what is in memory now, and each page once it is used; return whether the system permitted it.

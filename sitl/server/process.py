@@ -6,7 +6,7 @@ import subprocess
 import sys
 import threading
 from collections.abc import Callable, Sequence
-from contextlib import suppress
+from contextlib import nullcontext, suppress
 from dataclasses import dataclass
 from multiprocessing import Pipe
 from multiprocessing.connection import Connection
@@ -15,6 +15,8 @@ from typing import NamedTuple
 from estimation.frames import Triple
 from sitl.faults import VehicleInjection
 from sitl.server.endpoint import StubClock
+from sitl.server.governed_clock import GovernedClock
+from sitl.server.one_core import OneCore
 from sitl.server.record import StubRecord
 from sitl.server.server import Stub, StubConfig, serve
 from sitl.server.shared_clock import ClockError
@@ -111,7 +113,8 @@ async def _serve_until_stopped(
 
     clock = make_clock()
     try:
-        return await serve(configs, clock, stop, begin)
+        with OneCore() if isinstance(clock, GovernedClock) else nullcontext():
+            return await serve(configs, clock, stop, begin)
     finally:
         clock.close()
 

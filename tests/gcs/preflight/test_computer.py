@@ -123,7 +123,9 @@ def _used_s(pid: int) -> float:
 
 RAISED = """
 import os, sys, threading
+from sitl.server import one_core
 from gcs.preflight.priority import RaisedPriority
+one_core._CLAIMS = f"test-{os.getppid()}"  # flights of other tests have claims
 if sys.argv[2:]: os.sched_setaffinity(0, map(int, sys.argv[2:]))
 def refuse(*_): raise PermissionError
 if "no real time" in sys.argv: os.sched_setscheduler = refuse  # a limit of the nice value alone cannot be set here
@@ -134,6 +136,12 @@ if "no rights" in sys.argv and os.geteuid() == 0:
 wait = threading.Event()
 def start(): threading.Thread(target=wait.wait, daemon=True).start()
 start()
+if "simulated" in sys.argv:
+    with one_core.OneCore() as kept:
+        start()
+        print(kept.core, flush=True)
+        input()
+    raise SystemExit
 with RaisedPriority() as raised:
     start()
     print(raised.privileges.scheduling.name, raised.privileges.memory_locked, raised.privileges.core, flush=True)
@@ -166,7 +174,7 @@ def test_all_threads_are_raised_as_far_as_the_system_permits(
         reported, locked, core = process.stdout.readline().split()
         assert (reported, locked) == (scheduling, str(locks))
         assert _scheduled(process.pid) == [policy] * 3
-        assert _cores(process.pid) == [cores if core == "None" else {int(core)}] * 3
+        assert _cores(process.pid) == [{int(core)}] * 3
         assert (_locked_kb(process.pid) > 1000) == locks
         process.stdin.write("\n")
         process.stdin.flush()
@@ -178,17 +186,33 @@ def test_all_threads_are_raised_as_far_as_the_system_permits(
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="cores are those of Linux")
-def test_no_two_flying_processes_are_kept_to_one_core() -> None:
+@pytest.mark.parametrize("who", ["no rights", "simulated"])
+def test_no_two_flying_processes_are_kept_to_one_core(who: str) -> None:
     """The third on two cores runs on both."""
+    cores = _two_cores()
+    with ExitStack() as stack:
+        first, second, third = [stack.enter_context(_raised(who, cores)) for _ in range(3)]
+        assert (len(first), len(second)) == (1, 1)
+        assert first | second == third == set(cores)
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="cores are those of Linux")
+def test_simulated_flights_leave_the_cores_to_the_others() -> None:
+    cores = _two_cores()
+    with ExitStack() as stack:
+        first, second = [stack.enter_context(_raised("simulated", cores)) for _ in range(2)]
+        assert first | second == set(cores)
+        assert stack.enter_context(_raised("no rights", cores)) == first, "as if none were simulated"
+    with _raised("no rights", cores) as real, _raised("simulated", cores) as simulated:
+        assert (real, simulated) == (first, second)
+
+
+def _two_cores() -> list[int]:
+    """Return two cores that this process may use."""
     cores = sorted(os.sched_getaffinity(0))[:2]
     if len(cores) < 2:
         pytest.skip("this computer has one core")
-    with ExitStack() as stack:
-        kept_to = [stack.enter_context(_raised("no rights", cores)) for _ in range(3)]
-        counts = sorted([len(each) for each in kept_to])
-        assert counts[-1] == 2
-        alone = [each for each in kept_to if len(each) == 1]
-        assert len(set(map(frozenset, alone))) == len(alone)
+    return cores
 
 
 def _started(*arguments: str) -> "subprocess.Popen[str]":
