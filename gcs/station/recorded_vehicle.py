@@ -81,6 +81,7 @@ class RecordedVehicle:
         """Return the ticks, and collect the events between them."""
         status: VehicleStatus | None = None
         altitude_m, motion_s = 0.0, None
+        end: VehicleEnd | None = None
         for record in self._records:
             if record.kind is Decision:
                 decision = record.message()
@@ -96,8 +97,9 @@ class RecordedVehicle:
             elif record.kind is Telemetry:
                 altitude_m, motion_s = record.message().position_m[2], self._received_s(record)
             elif record.kind is VehicleEnd:
-                end = record.read(VehicleEnd)
-                if end.how in ("", FlightEnd.IN_FLIGHT.value):  # of an early version; or it flies again
+                known, end = end, record.read(VehicleEnd)
+                is_new = known is None or (known.how, known.reason) != (end.how, end.reason)
+                if not is_new or end.how in ("", FlightEnd.IN_FLIGHT.value):  # of an early version; or it flies again
                     continue
                 level: Severity = "information" if FlightEnd(end.how) in _AS_PLANNED else "warning"
                 text = f"flight ended: {end.reason}"

@@ -6,6 +6,7 @@ The vehicles are stubs of this process, on a governed clock, with plants that di
 import asyncio
 import json
 import signal
+from collections import Counter
 from collections.abc import Callable
 from dataclasses import replace
 from math import inf
@@ -15,6 +16,7 @@ import pytest
 
 from gcs.flightlog.reader import read_log
 from gcs.report.flight_book import read_book
+from gcs.station.recorded_flight import recorded_flight
 from tests.support.served_team import UNLIKE, team_of
 from tests.support.swaps import NEAR_TARGET, SETTLING_S, RingTruth, Tracks, commanded, ended, in_offboard, swap, told
 from tests.support.wire import PATIENCE_S, hurried, running, until
@@ -75,6 +77,9 @@ async def test_a_vehicle_that_landed_with_a_low_battery_comes_back_into_the_ring
         assert b"compared bit for bit" in replayed
     ends = {at_s: end_if_killed(log, 2, at_s) for at_s in (swapped.low_s, swapped.rejoined_s, ends_s, inf)}
     assert list(ends.values()) == [None, "battery", None, "operator"], ends
+    shown = recorded_flight(read_log(log)).events
+    vehicles = [each.vehicle_id for each in shown if each.text.startswith("flight ended")]
+    assert Counter(vehicles) == {1: 1, 2: 2, 3: 1}
     [booked] = read_book([log], lambda _share: None, with_verdicts=False).flights
     for flown in booked.vehicles:
         aloft_s = 0.1 * sum(flown.id in sample.places_m for sample in tracks.samples)
