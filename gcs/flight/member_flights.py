@@ -224,5 +224,5 @@ async def flown(team: FlightTeam, member: Member, flight: Coroutine[None, None, 
         team.stop.request(Outcome(FlightEnd.FAILSAFE, f"the agent of vehicle {member.vehicle.id} failed"))
         step = "correct the planner" if isinstance(error, PlannerError) else "report this with the text above"
         outcome = Outcome(FlightEnd.ERROR, f"{type(error).__name__}: {error}", step, flew=True)
-    team.note_end(member, outcome)
+    team.note_end(member, replace(outcome, unaccounted=member.agent.unaccounted))
     return outcome

@@ -343,8 +343,8 @@ class FlightTeam:
 
         `outcome` is `FLIES_AGAIN` as long as that of a further flight is not known.
         """
-        loop, agent = member.agent.loop, member.agent
-        end = VehicleEnd(loop.ticks, loop.missed, agent.ended_s, outcome.how.value, _reason(outcome), agent.unaccounted)
+        loop, ended_s = member.agent.loop, member.agent.ended_s
+        end = VehicleEnd(loop.ticks, loop.missed, ended_s, outcome.how.value, _reason(outcome), outcome.unaccounted)
         if self.ends.get(member.vehicle.id) != end:
             self.ends[member.vehicle.id] = end
             self.recording.end_vehicle(member.vehicle.id, end)
